@@ -19,6 +19,8 @@ impl Arm {
         self.connection.require_rig_file(&rig)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
+            let seed = client.welcome().seed;
+            self.connection.require_unchanged(&rig, seed, context)?;
             let theirs = rig::Rig::parse(&client.welcome().rig_file, &client.welcome().rig_text)?;
             if theirs.hash() != rig.hash() {
                 return Err(Failure::usage(format!(

@@ -199,6 +199,40 @@ impl Existing {
         false
     }
 
+    /// Serial number of the board's USB device, where the link is a port and the system tells it.
+    pub fn device_id(&self, rig: &Rig) -> Option<String> {
+        link::port::device_id(self.choice(rig))
+    }
+
+    /// Refuses to drive a rig of which a part was exchanged since its bring-up; warns where its rig file has changed. A rig without a
+    /// bring-up is driven as ever. `seed`: that of an emulated rig.
+    pub fn require_unchanged(&self, rig: &Rig, seed: Option<u64>, context: &Context) -> Result<()> {
+        let store = known::store::Store::of_rig(&rig.name, seed)?;
+        let Some(record) = bring_up::record::read(&store)? else {
+            return Ok(());
+        };
+        let now = bring_up::record::Identity::of(rig, &store, self.device_id(rig))?;
+        let changes = record.identity.changed(&now);
+        let words = |is_part| {
+            let of = changes.iter().filter(|change| change.is_part == is_part);
+            of.map(|change| change.words.as_str())
+                .collect::<Vec<_>>()
+                .join("; ")
+        };
+        let (parts, settings) = (words(true), words(false));
+        if !parts.is_empty() {
+            return Err(Failure::usage(format!(
+                "since the bring-up of this rig {parts}: its wiring is not what was tested; run `forcectl bring-up` again; nothing was driven"
+            )));
+        }
+        if !settings.is_empty() {
+            context.output.note(&format!(
+                "since the bring-up of this rig {settings}; `forcectl bring-up` tests it again"
+            ));
+        }
+        Ok(())
+    }
+
     /// The link: that of `--link`, else that of the rig file.
     fn choice<'a>(&'a self, rig: &'a Rig) -> &'a LinkChoice {
         self.link.as_ref().unwrap_or(&rig.link)
@@ -421,6 +455,16 @@ impl Existing {
 }
 
 impl Connection {
+    /// As [`Existing::device_id`].
+    pub fn device_id(&self, rig: &Rig) -> Option<String> {
+        self.at.device_id(rig)
+    }
+
+    /// As [`Existing::require_unchanged`], with the rig file as it was loaded. Call it after [`Connection::load`].
+    pub fn require_unchanged(&self, rig: &Rig, context: &Context) -> Result<()> {
+        self.at.require_unchanged(rig, self.seed(rig), context)
+    }
+
     /// As [`Existing::require_rig_file`].
     pub fn require_rig_file(&self, rig: &Rig) -> Result<()> {
         self.at.require_rig_file(rig)

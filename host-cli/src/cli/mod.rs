@@ -19,6 +19,7 @@ macro_rules! row {
 }
 
 mod arm;
+mod bring_up;
 mod calibrate;
 mod check;
 mod clear;
@@ -92,6 +93,9 @@ enum Command {
     Monitor(monitor::Monitor),
     /// Take zeros; the cables have to be slack
     Zero(zero::Zero),
+    /// Test a rig that was just wired, unit by unit, and name its mistakes
+    #[command(after_help = bring_up::HELP)]
+    BringUp(bring_up::BringUp),
     /// Calibrate a rig: zeros, gains, geometry, and how well the force is known
     #[command(after_help = calibrate::HELP)]
     Calibrate(calibrate::Calibrate),
@@ -193,6 +197,7 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Status(command) => command.run(context),
         Command::Monitor(command) => command.run(context),
         Command::Zero(command) => command.run(context),
+        Command::BringUp(command) => command.run(context),
         Command::Calibrate(command) => command.run(context),
         Command::Workspace(command) => command.run(context),
         #[cfg(unix)]

@@ -42,6 +42,22 @@ impl Session<'_> {
         self.setpoints_due_ns = self.now_ns;
     }
 
+    /// Sends setpoints once, valid for `valid_ms` of the board's own time, 1 to 1,000: without newer ones the board then goes to 0 V
+    /// by itself and latches fault 2. Exchanges bytes with the board while `duration` passes.
+    ///
+    /// # Errors
+    /// As [`Session::exchange`].
+    pub fn pulse(
+        &mut self,
+        units: [UnitSetpoint; UNITS],
+        valid_ms: u16,
+        duration: Duration,
+    ) -> Result<(), SessionError> {
+        self.set_setpoints(None);
+        self.queue(Command::Setpoints { valid_ms, units });
+        self.exchange(duration)
+    }
+
     /// Exchanges bytes with the board while `duration` passes: what is queued goes out, with the setpoints in force
     /// every 10 ms, and what arrives is received.
     ///

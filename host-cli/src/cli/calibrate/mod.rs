@@ -18,7 +18,7 @@ mod certificate;
 mod check;
 mod gain;
 mod geometry;
-mod guide;
+pub(super) mod guide;
 mod moving;
 mod records;
 mod serials;

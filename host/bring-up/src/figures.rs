@@ -1,0 +1,123 @@
+//! What each test measured. Units count from 0 in arrays; forces are those of the rig file's scale, and not yet calibrated.
+
+use serde::{Deserialize, Serialize};
+use wire::UNITS;
+
+/// Everything that was measured so far. A test that has not run is `None`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Figures {
+    /// What the board says of itself.
+    pub board: Option<BoardFigures>,
+    /// The converters at rest.
+    pub converters: Option<[ConverterFigures; UNITS]>,
+    /// The E-stop, pressed and released.
+    pub estop: Option<EStopFigures>,
+    /// Cables that were pulled out by hand, one after the other.
+    pub pulls: [Option<PullFigures>; UNITS],
+    /// Known weights on the cables, one after the other.
+    pub weights: [Option<WeightFigures>; UNITS],
+    /// Pulses of the motors, one after the other.
+    pub motors: [Option<MotorFigures>; UNITS],
+}
+
+/// What the board says of itself.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BoardFigures {
+    /// Version of the firmware.
+    pub firmware: String,
+    /// Whether the clock comes from the HSE input.
+    pub hse: bool,
+    /// Brown-out level of the option bytes, 0 to 3.
+    pub brown_out_level: u8,
+    /// Latched fault of the whole board; 0: none.
+    pub fault: u16,
+}
+
+/// A converter at rest.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct ConverterFigures {
+    /// Whether the rig file uses the unit.
+    pub enabled: bool,
+    /// Latched fault of the unit, and its detail; 0: none.
+    pub fault: u16,
+    /// See [`Self::fault`].
+    pub fault_detail: u32,
+    /// Samples that arrived, and over which time, s.
+    pub samples: u32,
+    /// See [`Self::samples`].
+    pub seconds: f64,
+    /// Conversions that were not read in time.
+    pub missed: u32,
+    /// Spikes.
+    pub spikes: u32,
+    /// Mean code, and its standard deviation as a force, N.
+    pub code: f64,
+    /// See [`Self::code`].
+    pub noise_n: f64,
+    /// Units that went silent while this converter was started anew.
+    pub silenced: [bool; UNITS],
+}
+
+impl ConverterFigures {
+    /// Whether the unit measures.
+    #[must_use]
+    pub fn works(&self) -> bool {
+        self.enabled && self.fault == 0 && self.samples > 0
+    }
+}
+
+/// The E-stop, pressed and released.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EStopFigures {
+    /// The loop was closed before.
+    pub closed_before: bool,
+    /// It was closed while the button was pressed.
+    pub closed_pressed: bool,
+    /// It was closed after the release.
+    pub closed_released: bool,
+    /// The alive line was withheld after the release with every unit ready.
+    pub alive_withheld: bool,
+}
+
+/// A cable that was pulled out by hand.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PullFigures {
+    /// How far, m.
+    pub travel_m: f64,
+    /// Change of each encoder, counts.
+    pub counts: [i32; UNITS],
+    /// Strongest change of each load cell on the way, N, positive as the rig file has a pull.
+    pub cell_n: [f64; UNITS],
+}
+
+/// A known weight on a cable.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WeightFigures {
+    /// Its force, N.
+    pub weight_n: f64,
+    /// Change of each load cell, N.
+    pub cell_n: [f64; UNITS],
+}
+
+/// Pulses of one motor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MotorFigures {
+    /// The pulses, rising.
+    pub pulses: Vec<PulseFigures>,
+    /// Why the board did not drive it, where it did not.
+    pub refused: Option<String>,
+    /// Fault of the board or of a unit that a pulse ended with, beside the expiry that ends each; 0: none.
+    pub fault: u16,
+}
+
+/// One pulse.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PulseFigures {
+    /// Commanded cable force, N.
+    pub command_n: f64,
+    /// Furthest travel of each encoder, m of cable, positive winding in by the rig file's sign.
+    pub travel_m: [f64; UNITS],
+    /// Strongest change of each load cell, N.
+    pub cell_n: [f64; UNITS],
+}

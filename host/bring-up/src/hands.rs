@@ -1,0 +1,123 @@
+//! What a person does during the tests, or an emulated rig in his place.
+
+use crate::BringUpError;
+use emulator_link::Injection;
+use session::{Session, SessionError, PERIOD};
+use std::fmt;
+use std::time::Duration;
+
+/// Speed of an emulated hand, mm/s.
+const HAND_MM_PER_S: f64 = 50.0;
+/// Time until an emulated rig is at rest again after a hand, s.
+const REST_S: f64 = 0.5;
+
+/// Something to do by hand. Units count from 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Action {
+    /// Press the E-stop and keep it pressed.
+    PressEStop,
+    /// Release it.
+    ReleaseEStop,
+    /// Pull cable out.
+    PullOut {
+        /// Unit.
+        unit: u8,
+        /// How far, mm.
+        mm: f64,
+    },
+    /// Turn the reel back until the cable hangs loosely.
+    LayLoose {
+        /// Unit.
+        unit: u8,
+        /// How far it was pulled out, mm.
+        mm: f64,
+    },
+    /// Hang a weight on a cable.
+    Hang {
+        /// Unit.
+        unit: u8,
+        /// Its force, N.
+        newton: f64,
+    },
+    /// Take it off.
+    TakeOff {
+        /// Unit.
+        unit: u8,
+    },
+    /// Keep hands, tools and hair away from the reels: motors will move.
+    StandBack,
+}
+
+impl fmt::Display for Action {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::PressEStop => write!(f, "Press the E-stop and leave it pressed."),
+            Self::ReleaseEStop => write!(f, "Release the E-stop."),
+            Self::PullOut { unit, mm } => write!(
+                f,
+                "Unit {unit}: take the cable at its end, lay a ruler beside it, and pull it out by {mm:.0} mm (to 1 mm), in about 4 s. Touch no other cable."
+            ),
+            Self::LayLoose { unit, .. } => write!(
+                f,
+                "Unit {unit}: turn the reel back by hand, until the cable hangs loosely (some 20 mm of slack)."
+            ),
+            Self::Hang { unit, newton } => write!(
+                f,
+                "Unit {unit}: hold the reel and hang the weight ({newton:.2} N) on the cable, along the load cell's axis. Wait until it hangs still."
+            ),
+            Self::TakeOff { unit } => write!(f, "Unit {unit}: take the weight off and leave the cable loose."),
+            Self::StandBack => write!(
+                f,
+                "The motors get short pulses now, unit by unit. All cables hang loosely; keep hands away from the reels and one hand at the E-stop."
+            ),
+        }
+    }
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Answer {
+    /// It was done.
+    Done,
+    /// It was not done, and the test is left out.
+    Skip,
+}
+
+/// Who does it.
+pub trait Hands {
+    /// Asks for it, and lets the session's time pass until it is done.
+    ///
+    /// # Errors
+    /// The session's, [`BringUpError::Stopped`], or the question could not be asked.
+    fn act(&mut self, action: &Action, session: &mut Session<'_>) -> Result<Answer, BringUpError>;
+
+    /// Says what is going on.
+    fn say(&mut self, text: &str);
+}
+
+/// Lets an emulated rig do by itself what a person would.
+///
+/// # Errors
+/// The link is no emulated rig, or it refuses.
+pub fn emulated(action: &Action, session: &mut Session<'_>) -> Result<Answer, BringUpError> {
+    let (injection, seconds) = match *action {
+        Action::PressEStop => (Injection::EStop(true), 0.0),
+        Action::ReleaseEStop => (Injection::EStop(false), 0.0),
+        Action::PullOut { unit, mm } => (Injection::PullOut(unit, mm), mm / HAND_MM_PER_S),
+        Action::LayLoose { unit, mm } => (Injection::PullOut(unit, -mm), mm / HAND_MM_PER_S),
+        Action::Hang { unit, newton } => (Injection::PullCable(unit, newton), 0.0),
+        Action::TakeOff { unit } => (Injection::PullCable(unit, 0.0), 0.0),
+        Action::StandBack => return Ok(Answer::Done),
+    };
+    let Some(controls) = session.link().controls() else {
+        return Err(BringUpError::Question(
+            "nobody is there to do it: this rig is no emulated one of the command's own, and --yes waits for nobody".to_owned(),
+        ));
+    };
+    controls.inject(injection).map_err(SessionError::from)?;
+    let end_ns = session.now_ns() + Duration::from_secs_f64(seconds + REST_S).as_nanos() as u64;
+    while session.now_ns() < end_ns {
+        session.exchange(PERIOD)?;
+    }
+    Ok(Answer::Done)
+}

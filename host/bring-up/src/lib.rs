@@ -1,0 +1,46 @@
+//! The first power-up of a rig: tests in order, and names for the mistakes of its wiring.
+//!
+//! ```text
+//! tests ─ a person's hands ([`hands`]), samples and pulses ─▶ figures ─▶ mistakes, ranked ([`judge`]) ─▶ record ([`record`])
+//! ```
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`figures`] | what each test measured, by itself: numbers of the board, in SI |
+//! | [`judge`] | from these figures to named mistakes: a pure function |
+//! | [`mistake`] | the mistakes, in words, with what to do |
+//! | [`steps`] | the tests on a session with the board |
+//! | [`pulse`] | the motor test: short pulses that the board ends by itself, and their bounds |
+//! | [`hands`] | what a person does meanwhile, or the emulated rig in his place |
+//! | [`record`] | the record of a rig: results, identities, and what has changed since |
+
+pub mod figures;
+pub mod hands;
+pub mod judge;
+pub mod mistake;
+pub mod pulse;
+pub mod record;
+pub mod steps;
+mod window;
+
+use session::SessionError;
+
+/// Why the tests could not go on. The motors are at 0 V.
+#[derive(Debug, thiserror::Error)]
+pub enum BringUpError {
+    /// The session with the board.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// The record.
+    #[error(transparent)]
+    Store(#[from] known::StoreError),
+    /// The board is armed.
+    #[error("the board is armed: `forcectl disarm` first; nothing was driven")]
+    Armed,
+    /// The person, or a signal, ended the tests.
+    #[error("stopped; what was measured is kept, and the same command goes on from there")]
+    Stopped,
+    /// The question could not be asked.
+    #[error("{0}")]
+    Question(String),
+}

@@ -1,0 +1,392 @@
+//! The record of a rig's bring-up: a JSON file beside its calibration, and what has changed since.
+//!
+//! ```json
+//! {"schema": 1, "rig": "...", "identity": {"board": "...", "rig_hash": "...", "serials": [...]},
+//!  "tests": {"reels": {"date": "2026-11-26", "units": [1, 2, 3, 4, 5, 6]}}, "figures": {...}, "mistakes": [...]}
+//! ```
+
+use crate::figures::{EStopFigures, Figures};
+use crate::judge::judge;
+use crate::mistake::Named;
+use crate::steps::Test;
+use files::Part;
+use known::store::Store;
+use known::{Result, StoreError};
+use rig::Rig;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::io::{ErrorKind, Write};
+use std::path::PathBuf;
+use wire::UNITS;
+
+/// Version of the keys.
+pub const SCHEMA: u32 = 1;
+
+/// What a bring-up is of. Empty: not known.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Identity {
+    /// Serial number of the board's USB device.
+    pub board: String,
+    /// Hash of the rig file.
+    pub rig_hash: String,
+    /// Serial numbers of unit, motor, load cell and converter, of each unit.
+    pub serials: [[String; 4]; UNITS],
+}
+
+impl Identity {
+    /// Of this rig at this board (`None`: its number is not known), with the serial numbers of its calibration.
+    ///
+    /// # Errors
+    /// The calibration can't be read.
+    pub fn of(rig: &Rig, store: &Store, board: Option<String>) -> Result<Self> {
+        let mut serials: [[String; 4]; UNITS] = Default::default();
+        if let Some(record) = store.current()? {
+            for unit in &record.units {
+                if let Some(slot) = serials.get_mut(usize::from(unit.number).wrapping_sub(1)) {
+                    *slot = unit.serials().map(|(_, number)| number.to_owned());
+                }
+            }
+        }
+        Ok(Self {
+            board: board.unwrap_or_default(),
+            rig_hash: rig.hash(),
+            serials,
+        })
+    }
+
+    /// This one as it is now: what is not known now stays.
+    #[must_use]
+    pub fn updated(&self, now: Self) -> Self {
+        let known = |is: String, was: &String| if is.is_empty() { was.clone() } else { is };
+        let mut serials = now.serials;
+        for (is, was) in serials
+            .iter_mut()
+            .flatten()
+            .zip(self.serials.iter().flatten())
+        {
+            *is = known(std::mem::take(is), was);
+        }
+        Self {
+            board: known(now.board, &self.board),
+            rig_hash: known(now.rig_hash, &self.rig_hash),
+            serials,
+        }
+    }
+
+    /// What differs from `now`, in words. What one of the two does not know is no difference.
+    #[must_use]
+    pub fn changed(&self, now: &Self) -> Vec<Change> {
+        let mut found = Vec::new();
+        let mut differs = |part: Of, was: &str, is: &str| {
+            if !was.is_empty() && !is.is_empty() && was != is {
+                found.push(Change {
+                    is_part: !matches!(part, Of::RigFile),
+                    words: match part {
+                        Of::Board => format!("the board was {was} and is {is}"),
+                        Of::RigFile => "the rig file has another content".to_owned(),
+                        Of::Serial(unit, what) => {
+                            format!("the {what} of unit {unit} was {was} and is {is}")
+                        }
+                    },
+                });
+            }
+        };
+        differs(Of::Board, &self.board, &now.board);
+        differs(Of::RigFile, &self.rig_hash, &now.rig_hash);
+        for (i, (was, is)) in self.serials.iter().zip(&now.serials).enumerate() {
+            for (what, (was, is)) in PARTS.iter().zip(was.iter().zip(is)) {
+                differs(Of::Serial(i + 1, what), was, is);
+            }
+        }
+        found
+    }
+}
+
+/// Parts with a serial number.
+const PARTS: [&str; 4] = ["unit", "motor", "load cell", "converter"];
+
+enum Of {
+    Board,
+    RigFile,
+    Serial(usize, &'static str),
+}
+
+/// Something that has changed since the bring-up.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Change {
+    /// A part of the rig was exchanged: its wiring is no longer what was tested. Otherwise a setting.
+    pub is_part: bool,
+    /// In words.
+    pub words: String,
+}
+
+/// When a test was done, and with which units.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Done {
+    /// Date, `YYYY-MM-DD`.
+    pub date: String,
+    /// Units, from 1, that it measured.
+    pub units: Vec<u8>,
+}
+
+/// The record of a rig.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// Name of the rig.
+    pub rig: String,
+    /// What was tested.
+    pub identity: Identity,
+    /// Tests that are done.
+    pub tests: BTreeMap<Test, Done>,
+    /// What they measured.
+    pub figures: Figures,
+    /// What these say.
+    pub mistakes: Vec<Named>,
+}
+
+/// Result of a bring-up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Every test is done, and none found a mistake.
+    Passed,
+    /// A mistake is named.
+    Failed,
+    /// A test is not done, and no mistake is named yet.
+    Undecided,
+}
+
+impl Record {
+    /// An empty one.
+    #[must_use]
+    pub fn new(rig: &Rig, identity: Identity) -> Self {
+        Self {
+            schema: SCHEMA,
+            rig: rig.name.clone(),
+            identity,
+            tests: BTreeMap::new(),
+            figures: Figures::default(),
+            mistakes: Vec::new(),
+        }
+    }
+
+    /// Takes note of what a test has measured, and judges all.
+    pub fn took(&mut self, rig: &Rig, test: Test, units: &[usize], date: &str) {
+        let measured = |i: &usize| match test {
+            Test::Board => self.figures.board.is_some(),
+            Test::Converters => self.figures.converters.is_some(),
+            Test::Estop => self.figures.estop.is_some(),
+            Test::Reels => self.figures.pulls[*i].is_some(),
+            Test::Weights => self.figures.weights[*i].is_some(),
+            Test::Motors => self.figures.motors[*i].is_some(),
+        };
+        let mut done: Vec<u8> = (units.iter().filter(|i| measured(i)))
+            .map(|i| *i as u8 + 1)
+            .collect();
+        if let Some(before) = self.tests.get(&test) {
+            done.extend(&before.units);
+        }
+        done.sort_unstable();
+        done.dedup();
+        if !done.is_empty() {
+            let date = date.to_owned();
+            self.tests.insert(test, Done { date, units: done });
+        }
+        self.mistakes = judge(rig, &self.figures);
+    }
+
+    /// Tests that are not done for each of these units, from 0.
+    #[must_use]
+    pub fn open(&self, units: &[usize]) -> Vec<Test> {
+        let done = |test: &Test| {
+            self.tests.get(test).is_some_and(|done| {
+                units
+                    .iter()
+                    .all(|unit| done.units.contains(&(*unit as u8 + 1)))
+            })
+        };
+        Test::ALL.into_iter().filter(|test| !done(test)).collect()
+    }
+
+    /// Tests that are to be done for these units, from 0: the first one, those that are open, those that found something, and those
+    /// that the tests before have changed.
+    #[must_use]
+    pub fn next(&self, units: &[usize]) -> Vec<Test> {
+        let open = self.open(units);
+        let wrong: Vec<Test> = self
+            .mistakes
+            .iter()
+            .map(|named| named.mistake.test())
+            .collect();
+        let again =
+            |test: &Test| *test == Test::Board || open.contains(test) || wrong.contains(test);
+        Test::ALL.into_iter().filter(again).collect()
+    }
+
+    /// Forgets what a test has measured of these units, from 0.
+    pub fn forget(&mut self, test: Test, units: &[usize]) {
+        let figures = &mut self.figures;
+        match test {
+            Test::Board => figures.board = None,
+            Test::Converters => figures.converters = None,
+            Test::Estop => figures.estop = None,
+            Test::Reels => units.iter().for_each(|i| figures.pulls[*i] = None),
+            Test::Weights => units.iter().for_each(|i| figures.weights[*i] = None),
+            Test::Motors => units.iter().for_each(|i| figures.motors[*i] = None),
+        }
+        if let Some(done) = self.tests.get_mut(&test) {
+            done.units
+                .retain(|unit| !units.contains(&(usize::from(*unit) - 1)));
+        }
+    }
+
+    /// Whether motors may be driven: only with an E-stop that was seen to work.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn may_drive(&self) -> std::result::Result<(), String> {
+        let works = |estop: &EStopFigures| !estop.closed_pressed && estop.closed_released;
+        match &self.figures.estop {
+            Some(estop) if works(estop) => Ok(()),
+            Some(_) => Err("the E-stop does not work: no motor is driven".to_owned()),
+            None => Err("the E-stop was not tested: no motor is driven".to_owned()),
+        }
+    }
+
+    /// The verdict over these units, from 0.
+    #[must_use]
+    pub fn verdict(&self, units: &[usize]) -> Verdict {
+        if !self.mistakes.is_empty() {
+            Verdict::Failed
+        } else if self.open(units).is_empty() {
+            Verdict::Passed
+        } else {
+            Verdict::Undecided
+        }
+    }
+}
+
+/// File of a rig's record.
+#[must_use]
+pub fn path(store: &Store) -> PathBuf {
+    store.folder().join("bring-up.json")
+}
+
+/// Reads the record of a rig; `None` where there is none.
+///
+/// # Errors
+/// The file can't be read, or is not one of this version.
+pub fn read(store: &Store) -> Result<Option<Record>> {
+    let path = path(store);
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(StoreError::file(&path, error)),
+    };
+    let way_out = "delete it and run `forcectl bring-up` again";
+    let record: Record = serde_json::from_str(&text)
+        .map_err(|error| StoreError::file(&path, format!("{error}; {way_out}")))?;
+    if record.schema != SCHEMA {
+        let cause = format!("schema {} is not {SCHEMA}; {way_out}", record.schema);
+        return Err(StoreError::file(&path, cause));
+    }
+    Ok(Some(record))
+}
+
+/// Writes the record of a rig, in place of the one before.
+///
+/// # Errors
+/// It can't be written.
+pub fn write(store: &Store, record: &Record) -> Result<()> {
+    let path = path(store);
+    let text =
+        serde_json::to_string_pretty(record).map_err(|error| StoreError::file(&path, error))?;
+    let write = || {
+        let (part, mut file) = Part::begin(&path)?;
+        writeln!(file, "{text}")?;
+        part.finish(file)
+    };
+    write().map_err(|error| StoreError::file(&path, error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn identity() -> Identity {
+        let mut identity = Identity {
+            board: "B1".to_owned(),
+            rig_hash: "aa".to_owned(),
+            ..Identity::default()
+        };
+        identity.serials[2][2] = "SBA-1".to_owned();
+        identity
+    }
+
+    #[test]
+    fn what_changed_is_named_and_what_is_not_known_is_no_change() {
+        let was = identity();
+        assert_eq!(was.changed(&was), []);
+        assert_eq!(was.changed(&Identity::default()), []);
+        let mut now = identity();
+        now.board = "B2".to_owned();
+        now.rig_hash = "bb".to_owned();
+        now.serials[2][2] = "SBA-7".to_owned();
+        now.serials[4][1] = "new".to_owned();
+        let changes = was.changed(&now);
+        let words: Vec<_> = changes.iter().map(|change| change.words.as_str()).collect();
+        assert_eq!(
+            words,
+            [
+                "the board was B1 and is B2",
+                "the rig file has another content",
+                "the load cell of unit 3 was SBA-1 and is SBA-7",
+            ]
+        );
+        assert_eq!(was.updated(Identity::default()), was);
+        assert_eq!(was.updated(now.clone()), now);
+        assert_eq!(
+            changes.iter().map(|c| c.is_part).collect::<Vec<_>>(),
+            [true, false, true]
+        );
+    }
+
+    #[test]
+    fn a_record_is_kept_and_a_damaged_one_names_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let rig = Rig::built_in().unwrap();
+        assert_eq!(read(&store).unwrap(), None);
+        let mut record = Record::new(&rig, identity());
+        let units = [0, 1, 2, 3, 4, 5];
+        assert_eq!(record.verdict(&units), Verdict::Undecided);
+        record.took(&rig, Test::Reels, &units, "2026-11-26");
+        // Nothing was measured.
+        assert_eq!(record.open(&units), Test::ALL);
+        assert!(record.may_drive().unwrap_err().contains("not tested"));
+        let estop = |closed_pressed| EStopFigures {
+            closed_before: true,
+            closed_pressed,
+            closed_released: true,
+            alive_withheld: false,
+        };
+        record.figures.estop = Some(estop(false));
+        assert_eq!(record.may_drive(), Ok(()));
+        record.figures.estop = Some(estop(true));
+        assert!(record.may_drive().unwrap_err().contains("does not work"));
+        record.took(&rig, Test::Estop, &units, "2026-11-26");
+        assert_eq!(record.verdict(&units), Verdict::Failed);
+        assert_eq!(record.open(&units).len(), 5);
+        assert_eq!(record.next(&units), Test::ALL);
+        write(&store, &record).unwrap();
+        assert_eq!(read(&store).unwrap(), Some(record));
+        std::fs::write(path(&store), "{").unwrap();
+        let told = read(&store).unwrap_err().to_string();
+        assert!(
+            told.contains("bring-up.json") && told.contains("delete it"),
+            "{told}"
+        );
+    }
+}
