@@ -1,7 +1,7 @@
 //! `forcectl bring-up`: leads through the first power-up of a rig, and names the mistakes of its wiring.
 
 use super::calibrate::guide::{ask_while, Answer as Typed};
-use super::connection::Connection;
+use super::connection::{Connection, EMBEDDED};
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use ::bring_up::hands::{emulated, Action, Answer, Hands};
@@ -9,6 +9,7 @@ use ::bring_up::record::{read, write, Identity, Record, Verdict};
 use ::bring_up::steps::{Bench, Plan, Test};
 use ::bring_up::{record, BringUpError};
 use clap::Args;
+use emulator_link::Injection;
 use known::store::Store;
 use rig::Rig;
 use serde_json::json;
@@ -66,6 +67,9 @@ pub struct BringUp {
     yes: bool,
     #[command(flatten)]
     connection: Connection,
+    /// Wire the embedded rig wrongly, for example exchange-motors=1:4@start; repeatable. `--inject help` lists the faults
+    #[arg(long, value_name = "WHAT@start", help_heading = EMBEDDED, value_parser = session::inject::parse, allow_hyphen_values = true)]
+    inject: Vec<(f64, Injection)>,
 }
 
 fn gram(text: &str) -> std::result::Result<f64, String> {
@@ -107,7 +111,12 @@ impl From<BringUpError> for Failure {
 impl BringUp {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        let rig = self.connection.load(context)?;
+        let rig = (self.connection).load_for(context, &[("--inject", !self.inject.is_empty())])?;
+        if self.inject.iter().any(|(at_s, _)| at_s.is_finite()) {
+            return Err(Failure::usage(
+                "a mistake of wiring is there from the start: --inject WHAT@start",
+            ));
+        }
         self.connection.require_rig_file(&rig)?;
         let store = Store::of_rig(&rig.name, self.connection.seed(&rig))?;
         let identity = Identity::of(&rig, &store, self.connection.device_id(&rig))?;
@@ -121,6 +130,11 @@ impl BringUp {
         let stop = context.interrupt.flag();
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
+        if let Some(controls) = link.controls() {
+            for (_, injection) in &self.inject {
+                controls.inject(*injection)?;
+            }
+        }
         let mut session = Session::connect(link.as_mut())?;
         let plan = Plan {
             units: units.clone(),
@@ -134,11 +148,11 @@ impl BringUp {
             stop: Arc::clone(&stop),
         };
         let mut bench = Bench::new(&mut session, &rig, &plan, &mut person)?;
-        for test in next {
+        let ended = next.into_iter().try_for_each(|test| {
             if test == Test::Motors {
                 if let Err(why) = record.may_drive() {
                     context.output.note(&why);
-                    continue;
+                    return Ok(());
                 }
             }
             context.output.note(&format!("\ntest `{test}`"));
@@ -147,17 +161,14 @@ impl BringUp {
             let ended = bench.run(test, &mut record.figures);
             record.took(&rig, test, &units, &known::today());
             write(&store, &record)?;
-            for named in record
-                .mistakes
-                .iter()
-                .filter(|named| !known.contains(named))
-            {
-                context
-                    .output
-                    .note(&format!("  {}: {}", named.mistake, named.evidence));
+            for named in (record.mistakes.iter()).filter(|named| !known.contains(named)) {
+                let line = format!("  {}: {}", named.mistake, named.evidence);
+                context.output.note(&line);
             }
-            ended?;
-        }
+            Ok(ended?)
+        });
+        let restored = bench.restore();
+        ended.and(restored.map_err(Failure::from))?;
         Ok(reply(&record, &units, &store))
     }
 

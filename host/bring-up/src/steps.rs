@@ -13,7 +13,7 @@ use session::{Patience, Session, SessionError, PERIOD};
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use wire::message::{Status, UnitConfig};
+use wire::message::{BoardConfig, Status, UnitConfig};
 use wire::{Command, UNITS};
 
 /// How long converters may take to come up, with retries.
@@ -110,6 +110,8 @@ pub struct Bench<'a, 's> {
     plan: &'a Plan<'a>,
     hands: &'a mut dyn Hands,
     configs: [UnitConfig; UNITS],
+    /// What was in force before, zeros included.
+    before: ([UnitConfig; UNITS], BoardConfig),
 }
 
 impl<'a, 's> Bench<'a, 's> {
@@ -127,7 +129,9 @@ impl<'a, 's> Bench<'a, 's> {
         if SystemState::from_u8(status.state).is_some_and(SystemState::drives) {
             return Err(BringUpError::Armed);
         }
+        let before = (session.get_configs()?, session.get_board()?);
         let mut bench = Self {
+            before,
             session,
             rig,
             plan,
@@ -165,6 +169,16 @@ impl<'a, 's> Bench<'a, 's> {
             Test::Motors => self.motors(figures)?,
         }
         Ok(())
+    }
+
+    /// Gives the board back the configuration that it had, with its zeros.
+    ///
+    /// # Errors
+    /// The session's.
+    pub fn restore(&mut self) -> Result<(), BringUpError> {
+        let (units, board) = self.before;
+        self.session.stage_board(board)?;
+        Ok(self.session.configure(&units)?)
     }
 
     /// Units of the plan that the rig file uses.
@@ -250,10 +264,11 @@ impl<'a, 's> Bench<'a, 's> {
                 silenced: [false; UNITS],
             }
         });
-        let works = found.map(|converter| converter.works());
-        for unit in self.enabled().into_iter().filter(|unit| works[*unit]) {
-            let silent = self.restart(unit)?;
-            found[unit].silenced = std::array::from_fn(|i| silent[i] && works[i]);
+        // One whose DRDY is another's may be at fault for its rate by now; it is started again for this.
+        for unit in self.enabled() {
+            if found[unit].samples > 0 {
+                found[unit].silenced = self.restart(unit)?;
+            }
         }
         Ok(found)
     }
@@ -261,18 +276,20 @@ impl<'a, 's> Bench<'a, 's> {
     /// Starts a unit's converter anew: for half a second it gives no DRDY. The units that miss it.
     fn restart(&mut self, unit: usize) -> Result<[bool; UNITS], BringUpError> {
         self.check_stop()?;
+        let worked = works(&self.clear()?);
         let mut without = self.configs;
         without[unit].enabled = false;
         self.session.configure(&without)?;
         self.session.exchange(PERIOD)?;
         self.session.configure(&self.configs)?;
         let status = self.wait_units()?;
-        let silent = status.units.map(|unit| {
-            let fault = Fault::from_code(unit.fault);
-            matches!(
-                fault,
-                Some(Fault::SensorSilent | Fault::SensorSlow | Fault::BringUpFailed)
-            )
+        let silent = std::array::from_fn(|i| {
+            let fault = Fault::from_code(status.units[i].fault);
+            worked[i]
+                && matches!(
+                    fault,
+                    Some(Fault::SensorSilent | Fault::SensorSlow | Fault::BringUpFailed)
+                )
         });
         self.clear()?;
         Ok(silent)
