@@ -2,9 +2,9 @@
 //!
 //! `docs/residual/model-toml.md` is the reference for users; the types here are its single source.
 
+mod units;
+
 use residual_columns::error::Error;
-use residual_columns::expr::{Expr, Func};
-use residual_columns::units::radians;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -457,12 +457,13 @@ impl Spec {
             ("rows.keep", &spec.rows.keep),
             ("rows.sequences", &spec.rows.sequences),
         ] {
-            spec.check_angles(key, text)?;
+            units::check(&spec.roles, key, text)?;
         }
         for t in &spec.terms {
             residual_columns::expr::Expr::parse(&t.expr)?;
             if t.effect.is_empty() {
-                spec.check_angles(&format!("term `{}`", t.name), &t.expr)?;
+                units::check(&spec.roles, &format!("term `{}`", t.name), &t.expr)?;
+                units::check_fixed(&spec.roles, t)?;
             }
             if !matches!(t.per.as_str(), "" | "sequence") {
                 return Err(Error::model(format!(
@@ -557,53 +558,6 @@ impl Spec {
         )))
     }
 
-    /// Sine, cosine and tangent take radians: an angle in another unit in them is a mistake, unless
-    /// the expression converts it.
-    fn check_angles(&self, place: &str, text: &str) -> Result<(), Error> {
-        // Whoever writes pi converts.
-        let converts = text
-            .split(|c: char| !c.is_alphanumeric())
-            .any(|word| word == "pi");
-        if text.is_empty() || converts {
-            return Ok(());
-        }
-        let roles = self.roles.all();
-        let mut wrong: Option<(String, &Column, f64)> = None;
-        residual_columns::expr::Expr::parse(text)?.visit(&mut |e| {
-            let Expr::Call(Func::Sin | Func::Cos | Func::Tan, arguments) = e else {
-                return;
-            };
-            for (role, column) in &roles {
-                let Some(radians) = radians(&column.unit).filter(|r| *r != 1.0) else {
-                    continue;
-                };
-                let slope = arguments.iter().find_map(|a| slope(a, role));
-                if slope.is_some_and(|k| !is_of_a_turn(k / radians)) {
-                    wrong.get_or_insert((role.clone(), column, radians));
-                }
-            }
-        });
-        let Some((role, column, radians)) = wrong else {
-            return Ok(());
-        };
-        let offset = match column.offset {
-            0.0 => String::new(),
-            offset => format!(", offset = {:?}", offset * radians),
-        };
-        Err(Error::model(format!(
-            "{place}: sin, cos and tan take radians, and role `{role}` is in {}. Write under [roles]: {role} = {{ column = \"{}\", \
-             unit = \"rad\", scale = {:?}{offset} }}; or convert in the expression: `{role} * {}`",
-            column.unit,
-            column.column,
-            column.scale * radians,
-            match column.unit.trim() {
-                "rev" | "turn" | "turns" => "2 * pi".to_string(),
-                "mrad" => "0.001".to_string(),
-                _ => "pi / 180".to_string(),
-            }
-        )))
-    }
-
     /// The target must not predict itself: the answer would be that nothing is lacking.
     fn check_target(&self) -> Result<(), Error> {
         let target = &self.roles.target.column;
@@ -632,43 +586,6 @@ impl Spec {
             }
         }
         Ok(())
-    }
-}
-
-/// Highest order per turn up to which a factor of an angle in a sine is taken for one.
-const HIGHEST_ORDER: f64 = 250.0;
-
-/// Whether a factor of an angle, per radian of it, is a whole or half number of periods in a turn.
-/// No plain factor of degrees or turns is: 1 per degree is 57.3 per turn.
-fn is_of_a_turn(order: f64) -> bool {
-    let halves = 2.0 * order;
-    order.abs() <= HIGHEST_ORDER && halves.abs() > 0.5 && (halves - halves.round()).abs() < 2e-3
-}
-
-/// Factor of a column in an expression that is linear in its columns and has this one.
-fn slope(e: &Expr, name: &str) -> Option<f64> {
-    let at = |x: f64| value(e, &|n: &str| if n == name { x } else { 0.0 });
-    let slope = at(1.0)? - at(0.0)?;
-    (e.names().contains(name) && slope != 0.0 && slope.is_finite()).then_some(slope)
-}
-
-/// Value of an expression of arithmetic; `None` of one with functions or comparisons.
-fn value(e: &Expr, of: &dyn Fn(&str) -> f64) -> Option<f64> {
-    match e {
-        Expr::Num(x) => Some(*x),
-        Expr::Var(name) => Some(of(name)),
-        Expr::Unary('-', a) => Some(-value(a, of)?),
-        Expr::Binary(op, a, b) => {
-            let (a, b) = (value(a, of)?, value(b, of)?);
-            match *op {
-                "+" => Some(a + b),
-                "-" => Some(a - b),
-                "*" => Some(a * b),
-                "/" => Some(a / b),
-                _ => None,
-            }
-        }
-        Expr::Unary(..) | Expr::Call(..) => None,
     }
 }
 
@@ -776,56 +693,6 @@ mod tests {
         let error = with("fixed = 1.0\nper = \"sequence\"").unwrap_err();
         let error = error.to_string();
         assert!(error.contains("`a`: `fixed` and `per` exclude"), "{error}");
-    }
-
-    #[test]
-    fn an_angle_that_is_not_in_radians_is_refused_in_a_sine() {
-        let with = |unit: &str, expr: &str| {
-            Spec::parse(&format!(
-                "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\" }}\n\
-                 angle = {{ column = \"q\", unit = \"{unit}\", scale = 2.0, offset = 90.0 }}\n\
-                 [roles.pose]\nshoulder = {{ column = \"q1\", unit = \"deg\" }}\n\
-                 [[terms]]\nname = \"weight\"\nexpr = \"{expr}\"\n"
-            ))
-        };
-        for (unit, expr) in [
-            ("deg", "sin(angle)"),
-            ("deg", "1 - cos(2 * angle + 0.3)"),
-            ("deg", "sin(angle + shoulder)"),
-            ("rad", "sin(angle - shoulder)"),
-            ("degrees", "command * tan(angle / 2)"),
-            ("rev", "sin(angle)"),
-            ("turns", "sin(7 * angle)"),
-            ("mrad", "sin(angle)"),
-        ] {
-            let says = with(unit, expr).unwrap_err().to_string();
-            assert!(
-                says.contains("term `weight`: sin, cos and tan take radians"),
-                "{expr}: {says}"
-            );
-        }
-        let says = with("deg", "sin(angle)").unwrap_err().to_string();
-        let line = "angle = { column = \"q\", unit = \"rad\", scale = 0.03490658503988659, offset = 1.5707963267948966 }";
-        assert!(
-            says.contains(line) && says.contains("`angle * pi / 180`"),
-            "{says}"
-        );
-        for (unit, expr) in [
-            ("rad", "sin(angle)"),
-            ("deg", "sin(angle * pi / 180)"),
-            ("deg", "sin(0.0174533 * angle)"),
-            ("deg", "sin(angle / 57.29578 * 7 + 0.2)"),
-            ("rev", "sin(6.2831853 * angle)"),
-            ("mrad", "sin(angle / 1000)"),
-            ("", "sin(angle)"),
-            ("deg", "angle + sin(time)"),
-        ] {
-            assert!(
-                with(unit, expr).is_ok(),
-                "{unit} {expr}: {:?}",
-                with(unit, expr)
-            );
-        }
     }
 
     #[test]
