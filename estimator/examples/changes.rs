@@ -11,9 +11,12 @@ mod rows;
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::geometry::Base;
 use estimator::motion::INPUTS;
+use estimator::physics::Physics;
 use estimator::sequence::Sequence;
 use estimator::stream::Stream;
 use estimator::trees::TreesConfig;
+use estimator::wander::{self, Wander};
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use robot::arm::{ArmConfig, ChangeConfig, VirtualArm};
 use robot::trajectory::{Trajectory, TrajectoryConfig};
@@ -22,6 +25,8 @@ use rows::rows;
 const FREE_S: f64 = 60.0;
 /// Trials of each change.
 const TRIALS: usize = 2;
+/// Trials of the unchanged arm of each robot in which an alarm is counted.
+const UNCHANGED: u64 = 24;
 
 /// Rows of an arm, the first `free_s` without a force.
 fn trial(
@@ -111,6 +116,50 @@ fn score(estimator: &Estimator, sequence: &Sequence) -> Score {
     }
 }
 
+/// Mean error that no estimator with the same balances falls below, N, where a torque of a tool's cable of this size is at the elbow, from
+/// the covariance of force and torque: if the noise of each balance is white beyond 2 s, and with the slow errors that balances have.
+fn least_n(model: &str, loaded: &Sequence, size: f64) -> [f64; 2] {
+    let value: serde_json::Value = serde_json::from_str(model).expect("a model");
+    let physics = value["model"]["physics"].clone();
+    let physics: Physics = serde_json::from_value(physics).expect("a physical model");
+    let moments = loaded
+        .target
+        .chunks_exact(3)
+        .fold(Matrix3::identity() * 1e-3, |sum, f| {
+            let force = Vector3::new(f64::from(f[0]), f64::from(f[1]), f64::from(f[2]));
+            sum + force * force.transpose()
+        });
+    let moments = moments / loaded.rows() as f64;
+    // The rate of the forces of `trial`, 1/s, and the sinusoid's standard deviation.
+    let sizes = [0.0, size / 2.0_f64.sqrt(), 0.0];
+    let noise: Vec<Vector3<f64>> = {
+        let mut observer = physics.observer();
+        let rows = (0..loaded.rows()).map(|k| observer.take(loaded.input_row(k)).1.deviation);
+        rows.map(Vector3::from).collect()
+    };
+    let middle = core::array::from_fn(|i| {
+        let mut of: Vec<f64> = noise.iter().map(|noise| noise[i]).collect();
+        of.sort_by(f64::total_cmp);
+        of[of.len() / 2]
+    });
+    [([0.0; 3], 2.0), (middle, wander::ALIKE_S)].map(|(stays, alike_s)| {
+        let mut filter = Wander::new(&moments, 0.074, sizes, stays, loaded.step_s);
+        let mut observer = physics.observer();
+        let (mut sum, mut rows) = (0.0, 0.0);
+        for (k, noise) in noise.iter().enumerate() {
+            let (moment, seen) = observer.take(loaded.input_row(k));
+            let variance = noise.component_mul(noise) * (alike_s / wander::ALIKE_S);
+            filter.step(&Vector3::zeros(), &variance, &seen.levers, loaded.step_s);
+            if moment.settled() {
+                sum += filter.force().1[(1, 1)].sqrt();
+                rows += 1.0;
+            }
+        }
+        // Mean of the absolute value of a normal distribution.
+        (2.0 / std::f64::consts::PI).sqrt() * sum / rows
+    })
+}
+
 /// Means over trials.
 fn cells(scores: &[Score]) -> String {
     let mean = |of: fn(&Score) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
@@ -165,6 +214,9 @@ fn main() {
     let seeds: Vec<u64> = arguments.map(|a| a.parse().expect("a seed")).collect();
     // By change: frozen, and recalibrated.
     let mut scores = vec![[Vec::new(), Vec::new()]; CHANGES.len()];
+    let mut unchanged = Vec::new();
+    let mut least = [[0.0; 2]; 2];
+    let mut robots = 0.0;
     for seed in &seeds {
         let none = ChangeConfig::default();
         let training: Vec<Sequence> = (1..7_u64)
@@ -188,6 +240,23 @@ fn main() {
                 [frozen, score(&estimator, &loaded)]
             })
             .collect();
+        let more: Vec<Score> = (21..21 + UNCHANGED)
+            .into_par_iter()
+            .map(|session| {
+                let [_, loaded] = trial(*seed, session, none, 0.0, 180.0);
+                score(&Estimator::from_json(&text).expect("a model"), &loaded)
+            })
+            .collect();
+        unchanged.extend(more);
+        if kind == Kind::Physics {
+            let [_, loaded] = trial(*seed, 11, none, 0.0, 180.0);
+            robots += 1.0;
+            for (sums, size) in least.iter_mut().zip([0.1, 0.2]) {
+                for (sum, least_n) in sums.iter_mut().zip(least_n(&text, &loaded, size)) {
+                    *sum += least_n;
+                }
+            }
+        }
         for (n, of) in found.into_iter().enumerate() {
             for (all, one) in scores[n / TRIALS].iter_mut().zip(of) {
                 all.push(one);
@@ -210,10 +279,16 @@ fn main() {
     let all = || scores.iter().flat_map(|[frozen, _]| frozen);
     let bad: Vec<Score> = all().filter(|s| s.covered < 0.8).copied().collect();
     println!(
-        "\nFrozen, covered below 80 %: alarm within 60 s in {} of {} trials; unchanged: an alarm in {} of {}.",
+        "\nFrozen, covered below 80 %: alarm within 60 s in {} of {} trials; unchanged: an alarm in {} of {} trials of 180 s.",
         early(&bad),
         bad.len(),
-        scores[0][0].iter().filter(|s| s.alarm_s.is_some()).count(),
-        scores[0][0].len()
+        unchanged.iter().filter(|s| s.alarm_s.is_some()).count(),
+        unchanged.len()
     );
+    if kind == Kind::Physics {
+        for (size, sums) in [0.1, 0.2].iter().zip(least) {
+            let [white, slow] = sums.map(|sum| sum / robots);
+            println!("Drag of {size} N·m: no estimator with these balances falls below {white:.2} N, with their slow errors {slow:.2} N.");
+        }
+    }
 }

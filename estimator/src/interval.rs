@@ -43,8 +43,8 @@ pub struct Interval {
     /// Rows after a start or a gap. Models of before have none: such rows are invalid, and their width is that of the others.
     #[serde(default)]
     start: Option<AfterStart>,
-    /// See [`Interval::fits_to`].
-    #[serde(default)]
+    /// See [`Interval::fits`]. Its name in the file is that of these ways to tell a misfit.
+    #[serde(default, rename = "fits_within")]
     fits_to: Option<[f64; TIMES]>,
 }
 

@@ -26,3 +26,4 @@ pub mod ridge;
 pub mod sequence;
 pub mod stream;
 pub mod trees;
+pub mod wander;

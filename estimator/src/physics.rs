@@ -26,6 +26,7 @@ use crate::motion::{Moment, Motion, FADE, LEVELS, LONGEST_GAP_S, STOPS};
 use crate::recalibration::{effects, Change, Found, Free};
 use crate::ridge::{Ridge, Sums};
 use crate::sequence::Sequence;
+use crate::wander::Wander;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -77,6 +78,9 @@ pub struct Physics {
     noise: [Noise; 3],
     /// Inverse of the second moments of the force in training, 1/N².
     prior: [[f64; 3]; 3],
+    /// Rate of the force in training per its size, 1/s.
+    #[serde(default = "usual_rate")]
+    rate_per_s: f64,
     /// Components that are given out: 0 x, 1 y, 2 z.
     axes: Vec<usize>,
     /// What a recalibration has found.
@@ -104,6 +108,11 @@ impl Noise {
             variance: variance.map(|v| v.max(1e-12)).collect(),
             edges: chunks.iter().skip(1).map(|c| c[0].0).collect(),
         }
+    }
+
+    /// Standard deviation at all speeds alike.
+    fn deviation(&self) -> f64 {
+        (self.variance.iter().sum::<f64>() / self.variance.len().max(1) as f64).sqrt()
     }
 
     fn variance(&self, speed: f64) -> f64 {
@@ -298,6 +307,7 @@ impl Physics {
             coulomb,
             noise: noise.map(Noise::fit),
             prior: prior(sequences),
+            rate_per_s: rate_per_s(sequences),
             axes: axes.to_vec(),
             found: None,
         })
@@ -317,7 +327,14 @@ impl Physics {
                 if observer.motion.moment().settled() {
                     let seen = &observer.seen;
                     let variance = seen.deviation.map(|sd| sd * sd);
-                    sums.push(&seen.effects, seen.contact, variance, sequence.step_s);
+                    let time_s = sequence.start_s + k as f64 * sequence.step_s;
+                    sums.push(
+                        time_s,
+                        &seen.effects,
+                        seen.contact,
+                        variance,
+                        sequence.step_s,
+                    );
                 }
             }
         }
@@ -361,6 +378,19 @@ impl Physics {
             + 6
     }
 
+    fn wander(&self) -> Option<Wander> {
+        let sizes = self.found.as_ref()?.wander(self.coulomb)?;
+        let force = Matrix3::from_fn(|i, j| self.prior[i][j]).try_inverse()?;
+        let noise = core::array::from_fn(|i| self.noise[i].deviation());
+        Some(Wander::new(
+            &force,
+            self.rate_per_s,
+            sizes,
+            noise,
+            self.step_s,
+        ))
+    }
+
     /// An observer.
     #[must_use]
     pub fn observer(&self) -> Observer<'_> {
@@ -374,6 +404,7 @@ impl Physics {
             row: Vec::with_capacity(REGRESSORS),
             seen: Seen::default(),
             misfit: Misfit::default(),
+            wander: self.wander().map(Box::new),
         }
     }
 }
@@ -392,6 +423,31 @@ fn prior(sequences: &[&Sequence]) -> [[f64; 3]; 3] {
     let moments = moments / f64::max(rows, 1.0) + Matrix3::identity() * 1e-4;
     let inverse = moments.try_inverse().unwrap_or_else(Matrix3::identity);
     core::array::from_fn(|i| core::array::from_fn(|j| inverse[(i, j)]))
+}
+
+/// Rate of a force of 0.1 to 0.3 N/s and up to 4.5 N, as in the thesis, for models that were trained before it was found: 1/s.
+const fn usual_rate() -> f64 {
+    0.08
+}
+
+/// Rate of the force over [`MEMORY_S`] per its size, 1/s.
+fn rate_per_s(sequences: &[&Sequence]) -> f64 {
+    let (mut rates, mut sizes) = (0.0, 0.0);
+    for sequence in sequences {
+        let apart = (MEMORY_S / sequence.step_s).round().max(1.0) as usize;
+        for k in (apart..sequence.rows()).step_by(apart) {
+            let force = force_of(sequence.target_row(k));
+            let rate = (force - force_of(sequence.target_row(k - apart)))
+                / (apart as f64 * sequence.step_s);
+            rates += rate.norm_squared();
+            sizes += force.norm_squared();
+        }
+    }
+    if sizes > 0.0 && rates > 0.0 {
+        (rates / sizes).sqrt()
+    } else {
+        usual_rate()
+    }
 }
 
 /// Part of a motor's balance that is friction with a direction, by the weights of its fit.
@@ -435,6 +491,8 @@ pub struct Observer<'a> {
     row: Vec<f64>,
     seen: Seen,
     misfit: Misfit,
+    /// Torques that come and go, where a recalibration has found one.
+    wander: Option<Box<Wander>>,
 }
 
 impl Observer<'_> {
@@ -469,11 +527,26 @@ impl Observer<'_> {
             self.seen.contact[i] = contact;
             self.seen.deviation[i] = variance.sqrt();
         }
+        let mut slow = Matrix3::from_diagonal(&uncertain);
+        let mut unsure = variances;
+        if let Some(wander) = &mut self.wander {
+            wander.step(
+                &contacts,
+                &variances,
+                &levers,
+                self.steps * self.model.step_s,
+            );
+            let (torques, covariance) = wander.torques();
+            contacts -= torques;
+            evidence -= levers.transpose() * torques.component_div(&variances);
+            self.seen.contact = contacts.into();
+            slow += covariance;
+            unsure += covariance.diagonal();
+        }
         let prior = Matrix3::from_fn(|i, j| self.model.prior[i][j]);
         if moment.friction_known() {
             let elapsed_s = self.steps * self.model.step_s;
-            self.seen.misfit =
-                (self.misfit).step(&contacts, &variances, &levers, &prior, elapsed_s);
+            self.seen.misfit = (self.misfit).step(&contacts, &unsure, &levers, &prior, elapsed_s);
         }
         let keep = if self.steps == 1.0 {
             self.keep
@@ -492,7 +565,7 @@ impl Observer<'_> {
             let follows = covariance
                 * levers.transpose()
                 * Matrix3::from_diagonal(&variances.map(|v| 1.0 / v));
-            let covariance = follows * Matrix3::from_diagonal(&uncertain) * follows.transpose();
+            let covariance = follows * slow * follows.transpose();
             self.seen.unsure = covariance.diagonal().map(|v| v.max(0.0).sqrt());
         }
         self.seen.levers = levers;
@@ -506,6 +579,9 @@ impl Observer<'_> {
         self.information = Matrix3::zeros();
         self.evidence = Vector3::zeros();
         self.misfit = Misfit::default();
+        if let Some(wander) = &mut self.wander {
+            wander.forget();
+        }
         self.seen.misfit = [0.0; TIMES];
     }
 

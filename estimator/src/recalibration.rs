@@ -10,10 +10,12 @@
 //! The changes are few and small, so a minute tells them: least squares with what is usual as prior. Neighbouring rows have the same
 //! error, so each counts by the time between them over that in which errors are alike.
 //!
-//! Changes that are followed while a force is on the tool were tried, with a filter that has the force and the changes as states. At this
-//! arm it took slow forces for offsets: see docs/estimation.md.
+//! A torque that comes and goes shows as an offset that moves within the minute. Where it moves, force and torque are told apart under load:
+//! see [`crate::wander`]. All other changes that are followed while a force is on the tool were tried, with a filter that
+//! has the force and the changes as states. At this arm it took slow forces for offsets: see docs/estimation.md.
 
 use crate::motion::{Moment, FILTER_S};
+use crate::wander;
 use nalgebra::{SMatrix, SVector};
 use robot::kinematics::TRANSMISSION;
 use serde::{Deserialize, Serialize};
@@ -29,8 +31,17 @@ const ALIKE_S: f64 = 2.0;
 /// Part of a change that is of another form than its effect here: a gear's friction does not change in all contacts alike. Estimate; with
 /// 0 the intervals of large changes covered 78 to 85 % (virtual arm, seed 1).
 const FORM: f64 = 0.05;
-/// Standard deviation of the friction's change until the next recalibration, share of it. Estimate: a tenth of the change over a day.
-const DRIFT: f64 = 0.005;
+/// Standard deviation of the friction's change until the next recalibration, share of it. Estimate: a twentieth of the change over a day;
+/// with 0.005 the intervals of an unchanged arm covered 97 % (virtual arm, seeds 11 to 13), with 0.003 95 %.
+const DRIFT: f64 = 0.003;
+/// The same of friction that was found above that of training, share of what is above: a cold arm may warm. A warming of 600 s takes 0.2 of
+/// it (RMS over the three minutes after the minute).
+const COLD: f64 = 0.2;
+/// Square of rate and curvature of an offset, per noise of the minute, above which it comes and goes. On seeds 11 to 13 it was at most 21 at
+/// the elbow without a drag, at most 38 at the shoulder, where it harms little, and 41 at least with a drag of 0.2 N·m.
+const WANDERS: f64 = 30.0;
+/// Least that a minute leaves, per noise of training.
+const LEAST_LEFT: f64 = 0.1;
 /// Place of the share of friction among the changes.
 const FRICTION: usize = 1;
 /// Ripple of the friction over a turn that is told, share: some times what a minute finds where there is none.
@@ -38,8 +49,13 @@ const TOLD_RIPPLE: f64 = 0.03;
 /// Stop operator that stands for the direction of sliding.
 const DIRECTION: usize = 2;
 
+/// The same with rate and curvature of the offset.
+const WITH_TIME: usize = CHANGES + 2;
+
 type Vector = SVector<f64, CHANGES>;
 type Matrix = SMatrix<f64, CHANGES, CHANGES>;
+type Long = SVector<f64, WITH_TIME>;
+type Square = SMatrix<f64, WITH_TIME, WITH_TIME>;
 
 /// What the changes of motor `i` add to its balance. `coulomb`: size of its friction; `friction`: what the model has of it now.
 #[must_use]
@@ -60,49 +76,106 @@ pub fn effects(m: &Moment, i: usize, coulomb: f64, friction: f64) -> [f64; CHANG
 /// Sums of a log of free motion.
 #[derive(Debug, Clone, Default)]
 pub struct Free {
-    information: [Matrix; 3],
-    evidence: [Vector; 3],
+    information: [Square; 3],
+    evidence: [Long; 3],
+    /// Sum of the times of the rows and of their squares, in [`wander::TIME_S`].
+    times: [f64; 2],
+    rows: f64,
+    /// Sum of the squares of what the balances lack, per noise.
+    squares: [f64; 3],
     /// Time of the rows, s.
     pub told_s: f64,
 }
 
 impl Free {
-    /// Takes a row: what each balance lacks, its variance and the effects.
+    /// Takes a row at a time of the log: what each balance lacks, its variance and the effects.
     pub fn push(
         &mut self,
+        time_s: f64,
         effects: &[[f64; CHANGES]; 3],
         lacking: [f64; 3],
         variance: [f64; 3],
         step_s: f64,
     ) {
         self.told_s += step_s;
+        let time = time_s / wander::TIME_S;
+        self.times = [self.times[0] + time, self.times[1] + time * time];
+        self.rows += 1.0;
         for i in 0..3 {
-            let row = Vector::from(effects[i]);
+            let mut row = Long::zeros();
+            row.fixed_rows_mut::<CHANGES>(0)
+                .copy_from_slice(&effects[i]);
+            let coulomb = effects[i][0];
+            row[CHANGES] = coulomb * time;
+            row[CHANGES + 1] = coulomb * time * time / 2.0;
             let weight = step_s / ALIKE_S / variance[i];
             self.information[i] += row * row.transpose() * weight;
             self.evidence[i] += row * (lacking[i] * weight);
+            self.squares[i] += lacking[i] * lacking[i] * weight;
         }
     }
 
     /// The changes; `None` where numbers are not finite.
     #[must_use]
     pub fn found(&self) -> Option<Found> {
-        let prior = Matrix::from_diagonal(&Vector::from(SPREAD.map(|sd| sd.powi(-2))));
         let mut motors = Vec::with_capacity(3);
-        for (information, evidence) in self.information.iter().zip(&self.evidence) {
-            let covariance = (information + prior).try_inverse()?;
-            let changes = covariance * evidence;
-            let more = Vector::from_fn(|k, _| {
-                let form = FORM * changes[k];
-                form * form + if k == FRICTION { DRIFT * DRIFT } else { 0.0 }
-            });
-            let covariance = covariance + Matrix::from_diagonal(&more);
-            motors.push(OfMotor {
-                changes: changes.into(),
-                covariance: covariance.into(),
-            });
+        for i in 0..3 {
+            motors.push(self.of_motor(&self.information[i], &self.evidence[i], self.squares[i])?);
         }
         motors.try_into().ok().map(Found)
+    }
+
+    fn of_motor(&self, information: &Square, evidence: &Long, squares: f64) -> Option<OfMotor> {
+        let prior = Matrix::from_diagonal(&Vector::from(SPREAD.map(|sd| sd.powi(-2))));
+        let mut with_time = *information;
+        let mut block = with_time.fixed_view_mut::<CHANGES, CHANGES>(0, 0);
+        block += prior;
+        for k in CHANGES..WITH_TIME {
+            with_time[(k, k)] += 1.0;
+        }
+        let covariance = with_time.try_inverse()?;
+        let all = covariance * evidence;
+        let middle = self.times[0] / self.rows;
+        // Rate and curvature in the middle of the log.
+        let to = SMatrix::<f64, 2, 2>::new(1.0, middle, 0.0, 1.0);
+        let moves = to * all.fixed_rows::<2>(CHANGES);
+        let spread = to * covariance.fixed_view::<2, 2>(CHANGES, CHANGES) * to.transpose();
+        let far = moves.dot(&(spread.try_inverse()? * moves));
+        // Where the changes explain the minute badly, they explain its time badly too.
+        let left = (squares - all.dot(evidence)).max(0.0) / (self.told_s / ALIKE_S);
+        let wander = if far > WANDERS * left.max(LEAST_LEFT) {
+            moves.norm().max(SPREAD[0])
+        } else {
+            0.0
+        };
+        let (changes, mut covariance) = if wander > 0.0 {
+            let mut changes: Vector = all.fixed_rows::<CHANGES>(0).into_owned();
+            // The mean over the log.
+            changes[0] +=
+                all[CHANGES] * middle + all[CHANGES + 1] * self.times[1] / self.rows / 2.0;
+            let mut covariance: Matrix =
+                covariance.fixed_view::<CHANGES, CHANGES>(0, 0).into_owned();
+            for k in 0..CHANGES {
+                covariance[(0, k)] = 0.0;
+                covariance[(k, 0)] = 0.0;
+            }
+            (changes, covariance)
+        } else {
+            let covariance =
+                (information.fixed_view::<CHANGES, CHANGES>(0, 0) + prior).try_inverse()?;
+            (covariance * evidence.fixed_rows::<CHANGES>(0), covariance)
+        };
+        for k in 0..CHANGES {
+            let form = FORM * changes[k];
+            covariance[(k, k)] += form * form;
+        }
+        let drift = DRIFT.hypot(COLD * (-changes[FRICTION]).max(0.0));
+        covariance[(FRICTION, FRICTION)] += drift * drift;
+        Some(OfMotor {
+            changes: changes.into(),
+            covariance: covariance.into(),
+            wander,
+        })
     }
 }
 
@@ -115,6 +188,9 @@ struct OfMotor {
     changes: [f64; CHANGES],
     /// Column by column; symmetric.
     covariance: [[f64; CHANGES]; CHANGES],
+    /// Size of a torque that comes and goes, per Coulomb friction; 0: none.
+    #[serde(default)]
+    wander: f64,
 }
 
 /// Changes of a motor for people, positive where there is more of it.
@@ -130,7 +206,9 @@ pub struct Change {
     pub ripple: f64,
     /// Friction in positive direction above the mean of both, share.
     pub asymmetry: f64,
-    /// Standard deviations of these but the ripple's, in the same order.
+    /// Size of a torque that comes and goes, at the joint; 0: none was found.
+    pub wander: f64,
+    /// Standard deviations of the first three and the asymmetry, in this order.
     pub deviation: [f64; 4],
 }
 
@@ -156,6 +234,9 @@ impl Change {
                 "a torque of {:.3} {unit} that is not commanded",
                 self.offset
             ));
+        }
+        if self.wander > 0.0 {
+            out.push("a torque that is not commanded comes and goes".to_owned());
         }
         if self.ripple > TOLD_RIPPLE {
             let ripple = 100.0 * self.ripple;
@@ -185,10 +266,18 @@ impl Found {
         let OfMotor {
             changes,
             covariance,
+            ..
         } = &self.0[i];
         let row = Vector::from(*effects);
         let variance = (Matrix::from(*covariance) * row).dot(&row);
         (row.dot(&Vector::from(*changes)), variance.max(0.0))
+    }
+
+    /// Sizes of the torques that come and go, of motors with the friction `coulomb`; `None`: there is none.
+    #[must_use]
+    pub fn wander(&self, coulomb: [f64; 3]) -> Option<[f64; 3]> {
+        let sizes = core::array::from_fn(|i| self.0[i].wander * coulomb[i]);
+        sizes.iter().any(|size: &f64| *size > 0.0).then_some(sizes)
     }
 
     /// The changes of motor `i`, which has the friction `coulomb`.
@@ -197,6 +286,7 @@ impl Found {
         let OfMotor {
             changes: c,
             covariance,
+            wander,
         } = &self.0[i];
         let deviation = |k: usize| covariance[k][k].max(0.0).sqrt();
         // The balance is what the model expects less what is commanded.
@@ -206,6 +296,7 @@ impl Found {
             gain: c[2],
             ripple: c[3].hypot(c[4]),
             asymmetry: -c[5],
+            wander: wander * coulomb,
             deviation: [
                 deviation(0) * coulomb,
                 deviation(1),
@@ -220,14 +311,11 @@ impl Found {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_minute_tells_the_changes_of_each_motor() {
-        let made = [
-            [0.05, -0.06, 0.02, 0.1, 0.0, 0.0],
-            [0.0; CHANGES],
-            [-0.1, 0.03, 0.0, 0.0, -0.08, 0.12],
-        ];
-        let coulomb = [1.4, 1.1, 18.0];
+    const COULOMB: [f64; 3] = [1.4, 1.1, 18.0];
+
+    /// What a minute finds with these changes, and this much more at a time at the elbow.
+    fn minute(made: [[f64; CHANGES]; 3], more: impl Fn(f64) -> f64) -> Found {
+        let coulomb = COULOMB;
         let mut sums = Free::default();
         let mut noise = robot::random::Random::stream(3, "recalibration", 0);
         for n in 0..3_000 {
@@ -243,12 +331,61 @@ mod tests {
             let lacking = core::array::from_fn(|i| {
                 Vector::from(of[i]).dot(&Vector::from(made[i]))
                     + 0.005 * coulomb[i] * noise.normal()
+                    + if i == 1 { more(t) } else { 0.0 }
             });
             let variance = coulomb.map(|c| (0.005 * c).powi(2));
-            sums.push(&of, lacking, variance, 0.02);
+            sums.push(t, &of, lacking, variance, 0.02);
         }
         assert!((sums.told_s - 60.0).abs() < 1e-6);
-        let found = sums.found().expect("finite");
+        sums.found().expect("finite")
+    }
+
+    #[test]
+    fn a_torque_that_comes_and_goes_is_told_from_changes_that_stay() {
+        let made = [
+            [0.0; CHANGES],
+            [0.05, -0.06, 0.0, 0.0, 0.0, 0.0],
+            [0.0; CHANGES],
+        ];
+        for phase in [0.0, 1.0, 2.0, 4.5] {
+            let drag = |t: f64| 0.2 * (t / wander::TIME_S + phase).sin();
+            let found = minute(made, drag);
+            let sizes = found.wander(COULOMB).expect("it comes and goes");
+            assert!((0.1..0.3).contains(&sizes[1]), "{sizes:?}");
+            assert!(sizes[0] == 0.0 && sizes[2] == 0.0, "{sizes:?}");
+            // The offset is that of the minute's mean.
+            let mean = (0..600).map(|n| drag(0.1 * f64::from(n))).sum::<f64>() / 600.0;
+            let change = found.of_motor(1, COULOMB[1]);
+            let constant = change.offset / COULOMB[1] - change.asymmetry;
+            assert!(
+                (constant - 0.05 - mean / COULOMB[1]).abs() < 0.02,
+                "{change:?}"
+            );
+        }
+        assert_eq!(minute(made, |_| 0.1).wander(COULOMB), None);
+    }
+
+    #[test]
+    fn friction_that_was_found_above_that_of_training_is_less_sure() {
+        let sure = |friction: f64| {
+            let mut made = [[0.0; CHANGES]; 3];
+            made[0][FRICTION] = friction;
+            minute(made, |_| 0.0).of_motor(0, COULOMB[0]).deviation[1]
+        };
+        // The balance is what the model expects less what is commanded.
+        assert!(sure(-0.1) > 1.5 * sure(0.1), "{} {}", sure(-0.1), sure(0.1));
+    }
+
+    #[test]
+    fn a_minute_tells_the_changes_of_each_motor() {
+        let made = [
+            [0.05, -0.06, 0.02, 0.1, 0.0, 0.0],
+            [0.0; CHANGES],
+            [-0.1, 0.03, 0.0, 0.0, -0.08, 0.12],
+        ];
+        let coulomb = COULOMB;
+        let found = minute(made, |_| 0.0);
+        assert_eq!(found.wander(COULOMB), None);
         for i in 0..3 {
             let change = found.of_motor(i, coulomb[i]);
             let [offset, friction, gain, sine, cosine, asymmetry] = made[i];
@@ -276,6 +413,7 @@ mod tests {
             gain: 0.01,
             ripple: 0.12,
             asymmetry: 0.08,
+            wander: 0.0,
             deviation: [0.02, 0.01, 0.02, 0.02],
         };
         let told = change.surely("N·m").join("; ");
@@ -290,5 +428,11 @@ mod tests {
             ..change
         };
         assert_eq!(none.surely("N·m"), Vec::<String>::new());
+        let cable = Change {
+            wander: 0.1,
+            ..none
+        };
+        let told = cable.surely("N·m").join("; ");
+        assert_eq!(told, "a torque that is not commanded comes and goes");
     }
 }

@@ -1,0 +1,234 @@
+//! A torque at a joint that comes and goes within minutes, as that of a tool's cable, told from the force on the tool.
+//!
+//! What a balance lacks is what the force and that torque do together:
+//!
+//! ```text
+//! balance = levers * force + torque + noise        each motor
+//! ```
+//!
+//! Force and torque are slow processes: each has a size and a rate, and goes back to its mean (Matérn, 3/2). A Kalman filter with both as
+//! states tells them apart by what the other motors say of the force, and by the force's size and rate in training. Where that is little,
+//! its covariance says how little: on such processes no estimator that has the same balances does better.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+/// Force, its rate, torque, its rate; three of each.
+const STATES: usize = 12;
+const TORQUE: usize = 6;
+/// Time in which a tool's cable changes its torque by as much as its size, s: a sinusoid of five minutes (docs/robot.md) has this one.
+pub const TIME_S: f64 = 48.0;
+/// Time in which errors of a balance are alike here, s. Their means over 10 s are 0.4 to 0.7 of those over 2 s, those over 30 s another 0.5
+/// (virtual arm, seeds 11 to 13, trials that were not trained on).
+pub const ALIKE_S: f64 = 6.0;
+/// Size of the errors that stay for a minute, per the noise of the balance: covers their means over 30 s (0.2 to 0.6, the same seeds).
+const STAYS: f64 = 0.8;
+/// Standard deviation of what is told per that of the filter: neither the force nor the cable is such a process. The one with which 90 % were
+/// covered (the same seeds).
+const WIDER: f64 = 1.5;
+
+type State = SVector<f64, STATES>;
+type Covariance = SMatrix<f64, STATES, STATES>;
+
+/// Processes of force and torque.
+#[derive(Debug, Clone)]
+pub struct Wander {
+    at_rest: Covariance,
+    rates_per_s: [f64; 2],
+    /// Transition of one step and the noise that it adds.
+    one: (f64, Covariance, Covariance),
+    state: State,
+    covariance: Covariance,
+}
+
+/// Transition within `step_s`.
+fn transition(rates_per_s: [f64; 2], step_s: f64) -> Covariance {
+    let mut a = Covariance::zeros();
+    for (k, rate) in rates_per_s.into_iter().enumerate() {
+        let x = rate * step_s;
+        let e = (-x).exp();
+        for i in 6 * k..6 * k + 3 {
+            a[(i, i)] = e * (1.0 + x);
+            a[(i, i + 3)] = e * step_s;
+            a[(i + 3, i)] = -e * rate * x;
+            a[(i + 3, i + 3)] = e * (1.0 - x);
+        }
+    }
+    a
+}
+
+impl Wander {
+    /// `force`: second moments of the force, N²; `rate_per_s`: its rate per its size, 1/s; `sizes`: standard deviations of the torques that
+    /// come and go; `noise`: those of the balances.
+    #[must_use]
+    pub fn new(
+        force: &Matrix3<f64>,
+        rate_per_s: f64,
+        sizes: [f64; 3],
+        noise: [f64; 3],
+        step_s: f64,
+    ) -> Self {
+        let rates_per_s = [rate_per_s, 1.0 / TIME_S];
+        let mut at_rest = Covariance::zeros();
+        let torque = Matrix3::from_diagonal(&Vector3::from_fn(|i, _| {
+            sizes[i].powi(2) + (STAYS * noise[i]).powi(2)
+        }));
+        for (k, part) in [*force, torque].into_iter().enumerate() {
+            at_rest
+                .fixed_view_mut::<3, 3>(6 * k, 6 * k)
+                .copy_from(&part);
+            let rate = part * rates_per_s[k].powi(2);
+            at_rest
+                .fixed_view_mut::<3, 3>(6 * k + 3, 6 * k + 3)
+                .copy_from(&rate);
+        }
+        let a = transition(rates_per_s, step_s);
+        Self {
+            at_rest,
+            rates_per_s,
+            one: (step_s, a, at_rest - a * at_rest * a.transpose()),
+            state: State::zeros(),
+            covariance: at_rest,
+        }
+    }
+
+    /// Takes what the balances lack, its variances and levers.
+    pub fn step(
+        &mut self,
+        lacking: &Vector3<f64>,
+        variance: &Vector3<f64>,
+        levers: &Matrix3<f64>,
+        elapsed_s: f64,
+    ) {
+        let (a, more) = if elapsed_s == self.one.0 {
+            (self.one.1, self.one.2)
+        } else {
+            let a = transition(self.rates_per_s, elapsed_s);
+            (a, self.at_rest - a * self.at_rest * a.transpose())
+        };
+        self.state = a * self.state;
+        self.covariance = a * self.covariance * a.transpose() + more;
+        let times = (ALIKE_S / elapsed_s).max(1.0);
+        for i in 0..3 {
+            let mut row = State::zeros();
+            for k in 0..3 {
+                row[k] = levers[(i, k)];
+            }
+            row[TORQUE + i] = 1.0;
+            let with = self.covariance * row;
+            let gain = with / (row.dot(&with) + variance[i] * times);
+            self.state += gain * (lacking[i] - row.dot(&self.state));
+            self.covariance -= gain * with.transpose();
+        }
+        self.covariance = (self.covariance + self.covariance.transpose()) * 0.5;
+    }
+
+    /// Torques now, and the covariance of their errors.
+    #[must_use]
+    pub fn torques(&self) -> (Vector3<f64>, Matrix3<f64>) {
+        (
+            self.state.fixed_rows::<3>(TORQUE).into_owned(),
+            self.covariance
+                .fixed_view::<3, 3>(TORQUE, TORQUE)
+                .into_owned()
+                * WIDER.powi(2),
+        )
+    }
+
+    /// Force now, N, and the covariance of its error.
+    #[must_use]
+    pub fn force(&self) -> (Vector3<f64>, Matrix3<f64>) {
+        (
+            self.state.fixed_rows::<3>(0).into_owned(),
+            self.covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+        )
+    }
+
+    /// Forgets the past.
+    pub fn forget(&mut self) {
+        self.state = State::zeros();
+        self.covariance = self.at_rest;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Errors of the torque at motor 1, and their standard deviations as told, over minutes of a force along y and a drag there.
+    fn errors(third_lever: f64) -> Vec<(f64, f64)> {
+        let force = Matrix3::from_diagonal(&Vector3::new(1e-4, 4.0, 1e-4));
+        let mut filter = Wander::new(&force, 0.08, [0.0, 0.14, 0.0], [0.0; 3], 0.02);
+        let levers = Matrix3::new(0.1, 0.0, 0.04, 0.02, -0.08, 0.01, -0.4, third_lever, 0.9);
+        let variance = Vector3::new(0.01, 0.01, 0.1).map(|sd: f64| sd * sd);
+        let mut noise = robot::random::Random::stream(5, "wander", 0);
+        let mut out = Vec::new();
+        for n in 0..15_000 {
+            let t = f64::from(n) * 0.02;
+            let drag = 0.2 * (t / TIME_S).sin();
+            let y = 2.5 * (0.083 * t).sin() + 1.8 * (0.051 * t + 2.0).sin();
+            // White noise of the power that is expected.
+            let balances = levers * Vector3::new(0.0, y, 0.0)
+                + Vector3::new(0.0, drag, 0.0)
+                + variance.map(|v| (v * ALIKE_S / 0.02).sqrt() * noise.normal());
+            filter.step(&balances, &variance, &levers, 0.02);
+            if t > 60.0 {
+                let (torques, covariance) = filter.torques();
+                out.push((torques[1] - drag, covariance[(1, 1)].sqrt()));
+                assert!(torques[0] == 0.0 && torques[2] == 0.0);
+            }
+        }
+        out
+    }
+
+    fn rms(values: impl Iterator<Item = f64>) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for value in values {
+            sum += value * value;
+            count += 1.0;
+        }
+        f64::sqrt(sum / count)
+    }
+
+    #[test]
+    fn another_motor_that_feels_the_force_tells_the_torque_and_without_one_it_stays_unsure() {
+        let told = errors(0.5);
+        let error = rms(told.iter().map(|(error, _)| *error));
+        assert!(error < 0.02, "{error}");
+        let alone = errors(0.0);
+        let error_alone = rms(alone.iter().map(|(error, _)| *error));
+        let sure = rms(told.iter().map(|(_, sd)| *sd));
+        let unsure = rms(alone.iter().map(|(_, sd)| *sd));
+        assert!(error_alone > 2.0 * error && unsure > 2.0 * sure);
+        for (errors, name) in [(told, "told"), (alone, "alone")] {
+            let inside = errors
+                .iter()
+                .filter(|(e, sd)| e.abs() <= 1.645 * sd)
+                .count();
+            let share = inside as f64 / errors.len() as f64;
+            assert!(share > 0.85, "{name}: {share}");
+        }
+    }
+
+    #[test]
+    fn what_was_told_fades_over_a_gap_and_is_forgotten_at_a_start() {
+        let force = Matrix3::identity();
+        let mut filter = Wander::new(&force, 0.1, [0.0, 0.1, 0.0], [0.0; 3], 0.02);
+        let fresh = filter.torques().1[(1, 1)];
+        // No lever of a force: the balance is the torque.
+        let none = Matrix3::zeros();
+        let (lacking, variance) = (Vector3::new(0.0, 0.08, 0.0), Vector3::repeat(1e-6));
+        for _ in 0..500 {
+            filter.step(&lacking, &variance, &none, 0.02);
+        }
+        let (torques, covariance) = filter.torques();
+        assert!((torques[1] - 0.08).abs() < 0.002 && covariance[(1, 1)] < 0.01 * fresh);
+        let unknown = Vector3::repeat(1e6);
+        filter.step(&lacking, &unknown, &none, 10.0 * TIME_S);
+        let (torques, covariance) = filter.torques();
+        assert!(torques[1].abs() < 0.001 && covariance[(1, 1)] > 0.99 * fresh);
+        filter.step(&lacking, &variance, &none, 0.02);
+        filter.forget();
+        assert_eq!(filter.torques(), (Vector3::zeros(), filter.torques().1));
+        assert!((filter.torques().1[(1, 1)] - fresh).abs() < 1e-12);
+    }
+}
