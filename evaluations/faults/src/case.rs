@@ -99,6 +99,7 @@ pub fn run(bases: &Bases, number: u64, plan: Plan) -> Outcome {
 #[must_use]
 pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
     let mut watch = Watch::new(std::array::from_fn(|unit| rig.wound_m(unit)));
+    let slack_before = view(&rig).takes_up_slack();
     rig.inject(plan.first);
     let second_at = plan.second.map_or(0, |(_, ms)| ms);
     // Two different things of one kind would fight over one place; the second is what counts then.
@@ -132,6 +133,7 @@ pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
         safe_ms: watch.safe_ms,
         hazards: watch.hazards,
         tension_n: (watch.tension_n * 1_000.0).round() * 1e-3,
+        slack_before,
         armed: rig.status().state == SystemState::Running as u8,
         powered: rig.power(),
     }

@@ -46,6 +46,8 @@ pub struct Outcome {
     pub hazards: Vec<(Hazard, u32)>,
     /// Largest tension of any cable, N.
     pub tension_n: f64,
+    /// Whether a unit that ran had a slack cable at the first injection: its arming took that up.
+    pub slack_before: bool,
     /// Whether the board is armed at the end.
     pub armed: bool,
     /// Whether the amplifiers have power at the end.

@@ -3,8 +3,9 @@
 use crate::case::{HELD_N, SLACK_MM};
 use crate::host::SWING_N;
 use crate::injection::{Category, Phase, BASES};
-use crate::outcome::Outcome;
+use crate::outcome::{Hazard, Outcome};
 use control::Fault;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
@@ -120,13 +121,23 @@ pub fn drawn(outcomes: &Outcomes, current_limit_a: f64) -> String {
         count(&cleared),
         count(&|outcome| cleared(outcome) && !outcome.hazards.is_empty())
     );
-    let kinds: [Counted; 3] = [
+    let taken_up = |outcome: &Outcome| {
+        outcome.slack_before && matches!(outcome.hazards[..], [(Hazard::Slack, _)])
+    };
+    let kinds: [Counted; 5] = [
         ("hazards", &|outcome| !outcome.hazards.is_empty()),
         ("undetected", &Outcome::is_undetected),
         (
             "of an output that stands at the end of its range",
             &|outcome| !outcome.hazards.is_empty() && outcome.plan.has_full_output(),
         ),
+        (
+            "nothing but slack that an arming was taking up already",
+            &taken_up,
+        ),
+        ("of those undetected", &|outcome| {
+            outcome.is_undetected() && taken_up(outcome)
+        }),
     ];
     for (name, of) in kinds {
         let found = count(of);
@@ -141,25 +152,11 @@ pub fn drawn(outcomes: &Outcomes, current_limit_a: f64) -> String {
     text
 }
 
-/// The number of rare events whose count is this or less in one of twenty campaigns (Poisson).
+/// The mean number of events whose count is this or less in one of twenty campaigns (Poisson; Garwood's upper limit).
 fn upper_bound(found: usize) -> f64 {
-    let no_more = |mean: f64| {
-        let mut term = (-mean).exp();
-        (1..=found).fold(term, |sum, n| {
-            term *= mean / n as f64;
-            sum + term
-        })
-    };
-    let (mut low, mut high) = (found as f64, found as f64 * 2.0 + 10.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if no_more(middle) > 0.05 {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    high
+    let degrees = 2.0 * (found as f64 + 1.0);
+    let chi_squared = ChiSquared::new(degrees).expect("degrees of freedom above zero");
+    0.5 * chi_squared.inverse_cdf(0.95)
 }
 
 /// Every case with a hazard, one a line.
@@ -199,11 +196,20 @@ pub fn hazards(outcomes: &Outcomes) -> String {
 mod tests {
     use super::*;
 
-    /// Tables of the Poisson distribution: 3.00 for none, 4.74 for one, 16.96 for ten.
+    /// Tables of the Poisson distribution: 3.00 for none, 4.74 for one, 16.96 for ten; many are nearly normal.
     #[test]
     fn the_upper_bound_is_that_of_the_tables() {
         for (found, bound) in [(0, 2.996), (1, 4.744), (10, 16.962)] {
             assert!((upper_bound(found) - bound).abs() < 1e-3, "{found}");
+        }
+        for found in [700_usize, 969, 40_000] {
+            let mean = found as f64 + 1.0;
+            let nearly = mean + 1.645 * mean.sqrt();
+            let bound = upper_bound(found);
+            assert!(
+                (bound - nearly).abs() < 2.0,
+                "{found}: {bound} and {nearly}"
+            );
         }
     }
 }

@@ -27,6 +27,20 @@ pub struct View {
     pub wound_m: [f64; UNITS],
 }
 
+impl View {
+    /// A unit that runs has a slack cable.
+    #[must_use]
+    pub fn takes_up_slack(&self) -> bool {
+        let slack = self.tension_n.map(|tension_n| tension_n < SLACK_N);
+        self.armed
+            && self
+                .running
+                .iter()
+                .zip(slack)
+                .any(|(running, slack)| *running && slack)
+    }
+}
+
 /// See the [module](self).
 #[derive(Debug, Clone, Default)]
 pub struct Watch {
