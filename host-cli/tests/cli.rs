@@ -63,7 +63,7 @@ fn rig_files(folder: &Path) {
 
 /// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
 /// every command. `{OLD}`: those of a rig that exists; `{NEW}`: those of a new one as well.
-const COMMANDS: [(&str, &str); 25] = [
+const COMMANDS: [(&str, &str); 26] = [
     (
         "set-force 0 1 0",
         "{NEW} --duration --out --record --still --inject",
@@ -71,6 +71,7 @@ const COMMANDS: [(&str, &str); 25] = [
     ("status", "{NEW}"),
     ("monitor", "{NEW} --duration"),
     ("zero", "{OLD} --replace"),
+    ("bring-up", "{NEW} --inject"),
     ("calibrate show", "{NEW}"),
     ("workspace --rig good.toml", "{NEW} --out"),
     (

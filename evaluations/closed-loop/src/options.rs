@@ -21,6 +21,9 @@ pub struct Options {
     /// Factor on the drawn sizes, 0.1 to 1.
     #[arg(long, value_name = "F", default_value = "1", value_parser = size)]
     pub size: f64,
+    /// The rig: `embedded` runs the whole image, `fast` the firmware's own core, many times faster.
+    #[arg(long, value_name = "RIG", default_value = "embedded", value_parser = ["embedded", "fast"])]
+    pub link: String,
     /// Folder for plant files, recordings and reports.
     #[arg(long, value_name = "DIR", default_value = "target/closed-loop")]
     pub out: PathBuf,

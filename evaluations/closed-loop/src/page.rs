@@ -69,16 +69,23 @@ Such a drive is to be put right before anything is identified; `--size 0.5` halv
     } else {
         String::new()
     };
+    let (link, firmware) = match options.link.as_str() {
+        "fast" => (
+            " --link fast",
+            "the firmware's own core and drivers (`--link fast`)",
+        ),
+        _ => ("", "the real firmware"),
+    };
     let sources = evaluation::sources();
     format!(
         "# Closed loop: an effect that the rig file doesn't declare
 
-Printed by `cargo xtask closed-loop --seeds {first}..{last}{size} --markdown docs/residual/closed-loop.md` ({sources}).
+Printed by `cargo xtask closed-loop --seeds {first}..{last}{size}{link} --markdown docs/residual/closed-loop.md` ({sources}).
 
 Each seed is another rig (scatter of units, survey, noise, the robot's path) with one effect in all its units that the rig
-file does not have. `forcectl identify --clear-implausible` runs as a process of its own on the real firmware. It holds 2.5 N along y
-at the moving tip for {hold} s, and drives the cables for {seconds} s with the tension loops open. It analyses what was recorded, puts
-what the board can use into a rig file, and holds the force again. The effect is in a file that only the rig reads.
+file does not have. `forcectl identify --clear-implausible` runs as a process of its own on
+{firmware}. It holds 2.5 N along y at the moving tip for {hold} s, and drives the
+cables for {seconds} s with the tension loops open. It analyses what was recorded, puts what the board can use into a rig file, and holds the force again. The effect is in a file that only the rig reads.
 
 * *named*: units in which the effect was named; what else was named in a third of them or more. Units also differ from the rig file by
   themselves (Coulomb friction by 5 %, its share of load by 8 %, offset by 27 mN), which is found as friction, gain or offset of its own.
@@ -87,8 +94,8 @@ what the board can use into a rig file, and holds the force again. The effect is
   after. `fault 45`: the tension was implausible until the board gave up the units.
 * *without it*: both on the same rig without the effect, rig file as it is. After a correction they can be smaller than that, since the
   units' own scatter is corrected as well.
-* *board*: `better` where the worst cable gained for sure (the 95 % interval over pairs of runs excludes zero), by 2 % at least, and the
-  tip lost no more than 5 %. Elsewhere `forcectl identify` leaves the rig file as it was.
+* *board*: `better` where the worst cable gained for sure (the 95 % interval over pairs of runs, and over all looks at it, excludes
+  zero), by 2 % at least, and the tip lost no more than 5 %. Elsewhere `forcectl identify` leaves the rig file as it was.
 
 {HEAD}{rows}
 Kinds of effect that were named in most units, and the force was held better after: {}
@@ -136,6 +143,7 @@ mod tests {
             drive: "40".to_owned(),
             hold: "16".to_owned(),
             size: 0.5,
+            link: "fast".to_owned(),
             out: PathBuf::new(),
             markdown: None,
             reuse: false,
@@ -160,6 +168,9 @@ mod tests {
             page.contains("* *Creep*") && !page.contains("* *Backlash*"),
             "{page}"
         );
-        assert!(page.contains("--seeds 1..10 --size 0.5 "), "{page}");
+        assert!(
+            page.contains("--seeds 1..10 --size 0.5 --link fast "),
+            "{page}"
+        );
     }
 }

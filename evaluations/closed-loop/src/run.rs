@@ -143,7 +143,7 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFi
     std::fs::write(&plant, &truth.plant).map_err(|e| format!("{}: {e}", plant.display()))?;
     let output = Command::new(&options.forcectl)
         .arg("identify")
-        .args(["--link", "embedded", "--seed", &seed.to_string()])
+        .args(["--link", &options.link, "--seed", &seed.to_string()])
         .arg("--plant")
         .arg(&plant)
         .args(["--drive-duration", &options.drive])
@@ -170,7 +170,7 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFi
     std::fs::write(&plain, plant_text("")).map_err(|e| format!("{}: {e}", plain.display()))?;
     Command::new(&options.forcectl)
         .args(["set-force", "0", "2.5", "0", "--duration", &options.hold])
-        .args(["--link", "embedded", "--seed", &seed.to_string()])
+        .args(["--link", &options.link, "--seed", &seed.to_string()])
         .arg("--plant")
         .arg(&plain)
         .arg("--out")

@@ -151,29 +151,54 @@ impl Identify {
         Ok(held?)
     }
 
-    /// Drives the cables with the loops open, and records it.
+    /// Drives the cables with the loops open, and records it. A drive whose gain is far off is implausible where it pulls
+    /// most: where that may be cleared, it is driven again with the smallest commands.
     fn drive(&self, context: &Context, rig: &Rig) -> Result<identify::Recording> {
+        let note = |text: &str| context.output.note(text);
+        note("session 2: driving the cables for the analysis");
+        match self.drive_once(context, rig, 1.0)? {
+            Ok(recording) => Ok(recording),
+            Err(why) => {
+                note(&format!(
+                    "{why}\nit is cleared; session 2 again, with the smallest commands"
+                ));
+                let again = self.drive_once(context, rig, identify::SMALL_SWING)?;
+                Ok(again?)
+            }
+        }
+    }
+
+    /// A session with this part of the largest swing; within, a fault 45 that ended it and was cleared.
+    fn drive_once(
+        &self,
+        context: &Context,
+        rig: &Rig,
+        swing: f64,
+    ) -> Result<std::result::Result<identify::Recording, RunError>> {
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.open(rig, context)?;
         let mut watch = Watch::new(&context.output);
-        watch
-            .progress
-            .beside(|output| output.note("session 2: driving the cables for the analysis"));
         let stop = context.interrupt.flag();
         let recording = identify::excite(
             link.as_mut(),
             rig,
             self.drive_duration,
+            swing,
             &self.connection.zeroing(),
             &stop,
             &mut watch,
         );
         watch.progress.done();
-        let recording = recording?;
         if context.interrupt.requested() {
             return Err(Failure::from(RunError::Interrupted));
         }
-        Ok(recording)
+        match recording {
+            Err(error) if self.clear_implausible && identify::is_implausible(&error) => {
+                identify::clear_faults(link.as_mut())?;
+                Ok(Err(error))
+            }
+            recording => Ok(Ok(recording?)),
+        }
     }
 
     /// Prints the report, then writes it with plot and figures. A file that cannot be written costs only itself.

@@ -22,6 +22,9 @@ const MARGIN_N: f64 = 1.0;
 const MAX_AMPLITUDE_N: f64 = 1.5;
 /// Smallest amplitude of the commands, N: a smaller one shows nothing.
 const MIN_AMPLITUDE_N: f64 = 0.5;
+/// Part of the largest swing with which a session begins again that a fault 45 ended: the smallest commands, up to 2 N above
+/// the least tension. An amplifier whose gain is off by 30 % is then off by 1.2 N at most, which the board permits.
+pub const SMALL_SWING: f64 = MIN_AMPLITUDE_N / MAX_AMPLITUDE_N;
 /// Part of the rig file's force limit above which the swing is reduced. The rest is for the force's growth until the
 /// reduction takes effect.
 const EASE_ABOVE: f64 = 0.85;
@@ -33,7 +36,8 @@ const SINES_HZ: [f64; 5] = [0.11, 0.27, 0.63, 1.37, 2.90];
 pub(super) const MIN_SESSION_S: f64 = 8.0;
 const MAX_SESSION_S: f64 = 600.0;
 
-/// Drives the cables with the loops open and records the samples.
+/// Drives the cables with the loops open and records the samples. The commands begin with this part of the largest swing,
+/// [`SMALL_SWING`] to 1.
 ///
 /// # Errors
 /// [`RunError`]; the rig was made safe as far as the link allowed. Any fault ends the session: a part of it can't be analysed.
@@ -41,6 +45,7 @@ pub fn excite(
     link: &mut dyn RigLink,
     rig: &Rig,
     seconds: f64,
+    swing: f64,
     zeroing: &run::Zeroing,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
@@ -53,7 +58,7 @@ pub fn excite(
         rig,
         prepared: &prepared,
         pose,
-        swing: 1.0,
+        swing,
         samples: Vec::new(),
     };
     let result = excitation.run(&mut session, seconds, stop, observer);
@@ -316,6 +321,7 @@ mod tests {
             &mut board,
             &rig(),
             10.0,
+            1.0,
             &run::Zeroing::Measure,
             &stop,
             &mut NoopObserver,
@@ -334,6 +340,7 @@ mod tests {
                 &mut board,
                 &rig(),
                 seconds,
+                1.0,
                 &run::Zeroing::Measure,
                 &stop,
                 &mut NoopObserver,
@@ -346,6 +353,7 @@ mod tests {
             &mut board,
             &narrow,
             10.0,
+            1.0,
             &run::Zeroing::Measure,
             &stop,
             &mut NoopObserver,

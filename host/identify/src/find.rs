@@ -7,6 +7,7 @@ use residual::{Report, Verdict};
 use rig::{Rig, UnitSettings};
 use serde::Serialize;
 use std::path::Path;
+use wire::UNITS;
 
 /// Largest reduction of the held-out RMSE by structure without a name, as a part of the reduction by the findings, with
 /// which a board may use the findings. Above it their parameters may stand for another effect.
@@ -77,6 +78,7 @@ pub fn find(
 ) -> Result<Findings, FindError> {
     let mut units = Vec::new();
     let mut new = rig.units;
+    let mut delays: [Option<f64>; UNITS] = [None; UNITS];
     for (i, unit) in rig.units.iter().enumerate() {
         if !recording.available[i] {
             continue;
@@ -84,6 +86,7 @@ pub fn find(
         progress.stage(&format!("unit {}", unit.number));
         let block_s = (recording.duration_s() / BLOCKS).min(LONGEST_BLOCK_S);
         let report = analyse(unit, block_s, &recording.csv(i), out)?;
+        delays[i] = Some(delay_s(&report));
         let not_used = match usable(&report) {
             Ok(mut compensation) => {
                 let angles: Vec<f64> = recording.rows(i).iter().map(|r| r.angle_rad).collect();
@@ -106,6 +109,10 @@ pub fn find(
             not_used,
         });
     }
+    let needed = delays_of_all(delays);
+    for (unit, delay_s) in new.iter_mut().zip(needed) {
+        *unit = findings::slowed(unit, delay_s);
+    }
     let rewritten = findings::rewrite(rig_name, rig_text, rig, &new).map_err(FindError::Rewrite)?;
     let mut rig = rig.clone();
     rig.units = new;
@@ -113,6 +120,31 @@ pub fn find(
         units,
         rig,
         rewritten,
+    })
+}
+
+/// The delay of the drive that a report found, s, whatever its verdict; 0: none.
+fn delay_s(report: &Report) -> f64 {
+    let mut named = report.clone();
+    named.verdict = Verdict::Several;
+    named
+        .compensation()
+        .map_or(0.0, |compensation| compensation.delay_s)
+}
+
+/// The delay that each unit's gains have to allow for, s, from those that were found; `None`: the unit took no part. A
+/// loop whose gains are too high for its delay swings until a fault ends it, and one whose gains are lower than needed only
+/// settles later. So a delay counts also where the rest of a unit's verdict doesn't, and where more than half of the units have one the
+/// others are taken to have their median: six drives of one kind.
+fn delays_of_all(found: [Option<f64>; UNITS]) -> [f64; UNITS] {
+    let mut late: Vec<f64> = found.into_iter().flatten().filter(|s| *s > 0.0).collect();
+    late.sort_unstable_by(f64::total_cmp);
+    let most = 2 * late.len() > found.iter().flatten().count();
+    let usual = if most { late[late.len() / 2] } else { 0.0 };
+    found.map(|delay_s| match delay_s {
+        Some(delay_s) if delay_s > 0.0 => delay_s,
+        Some(_) => usual,
+        None => 0.0,
     })
 }
 
@@ -200,6 +232,18 @@ pub fn usable(report: &Report) -> Result<residual::Compensation, String> {
 mod tests {
     use super::*;
     use rig::Rig;
+
+    /// A delay of most drives is one of all.
+    #[test]
+    fn a_delay_of_most_units_lowers_the_gains_of_all() {
+        let (none, off) = (Some(0.0), None);
+        let most = [Some(0.25), none, Some(0.75), off, Some(0.5), none];
+        assert_eq!(delays_of_all(most), [0.25, 0.5, 0.75, 0.0, 0.5, 0.5]);
+        let half = [Some(0.25), none, Some(0.75), none, off, off];
+        assert_eq!(delays_of_all(half), [0.25, 0.0, 0.75, 0.0, 0.0, 0.0]);
+        assert_eq!(delays_of_all([none; UNITS]), [0.0; UNITS]);
+        assert_eq!(delays_of_all([off; UNITS]), [0.0; UNITS]);
+    }
 
     /// Nobody who drives a rig can set a key of the model that is built in.
     #[test]

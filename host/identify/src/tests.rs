@@ -27,7 +27,16 @@ fn identified(effects: Vec<Effect>) -> (Findings, f64) {
     let mut board = FakeBoard::with(Behavior::Good, 3, plant);
     let stop = AtomicBool::new(false);
     let zeroing = run::Zeroing::Measure;
-    let recording = excite(&mut board, &rig(), 24.0, &zeroing, &stop, &mut NoopObserver).unwrap();
+    let recording = excite(
+        &mut board,
+        &rig(),
+        24.0,
+        1.0,
+        &zeroing,
+        &stop,
+        &mut NoopObserver,
+    )
+    .unwrap();
     assert_eq!(board.system, SystemState::Ready, "disarmed at the end");
     let out = tempfile::tempdir().unwrap();
     let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, out.path(), &mut ()).unwrap();
@@ -131,6 +140,7 @@ fn the_shortest_session_can_be_analysed() {
             &mut board,
             &rig(),
             MIN_SESSION_S,
+            1.0,
             &zeroing,
             &stop,
             &mut NoopObserver,

@@ -1,9 +1,8 @@
 //! The trial of the findings: pairs of runs without and with them, until it is decided whether the force is held better.
 
 use super::{Figures, Findings, Gain, Pair, FEWEST_PAIRS};
-use control::Fault;
 use rig::Rig;
-use run::{Ended, Observer, Options, Outcome, RunError, RunFault, Stopped};
+use run::{Ended, Fault, Observer, Options, Outcome, RunError, RunFault, Stopped};
 use session::link::RigLink;
 use session::Session;
 use std::fmt;
@@ -57,9 +56,7 @@ pub fn hold(
                 (Some(units), Some(outcome)) if clear => {
                     let why = format!("fault 45 (tension implausible) of {units} ended a session");
                     observer.notice(&format!("{why}; it is cleared"));
-                    Session::connect(link)
-                        .and_then(|mut session| session.command(&Command::ClearFaults))
-                        .map_err(RunError::from)?;
+                    clear_faults(link)?;
                     Ok(Held::Implausible(*outcome, why))
                 }
                 (Some(_), _) => Err(HoldError::Implausible(error)),
@@ -74,12 +71,27 @@ pub fn hold(
     Ok(Held::Whole(outcome, figures))
 }
 
+/// Clears the board's faults after a session that a fault 45 ended.
+///
+/// # Errors
+/// The board refuses: the cause of a fault is still there.
+pub fn clear_faults(link: &mut dyn RigLink) -> Result<(), RunError> {
+    Session::connect(link)?.command(&Command::ClearFaults)?;
+    Ok(())
+}
+
+/// Whether an error is a fault 45, tension implausible.
+#[must_use]
+pub fn is_implausible(error: &RunError) -> bool {
+    matches!(error, RunError::Fault(Fault::Latched(fault)) if fault.code == control::Fault::Implausible.code())
+}
+
 /// The units in words, where all faults of a session are fault 45 of units.
 fn implausible(faults: &[RunFault]) -> Option<String> {
     let unit = |fault: &RunFault| {
         fault
             .unit
-            .filter(|_| fault.code == Fault::Implausible.code())
+            .filter(|_| fault.code == control::Fault::Implausible.code())
     };
     let mut units: Vec<u8> = faults.iter().map(unit).collect::<Option<_>>()?;
     units.sort_unstable();
@@ -275,6 +287,7 @@ impl Trial {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use control::Fault;
 
     #[test]
     fn only_fault_45_of_units_may_be_cleared() {

@@ -48,6 +48,7 @@ fn undeclared_friction_is_found_and_compensated() {
         &mut start(&plant),
         &rig_file(),
         20.0,
+        1.0,
         &run::Zeroing::Measure,
         &stop,
         &mut NoopObserver,

@@ -249,6 +249,16 @@ fn correct_gain_and_share(
     Ok(())
 }
 
+/// A unit with the gains that a delay of the drive allows; as it is where the delay is negligible or longer than any drive's.
+#[must_use]
+pub fn slowed(unit: &UnitSettings, delay_s: f64) -> UnitSettings {
+    let mut new = *unit;
+    match correct_for_delay(&mut new, delay_s, &mut Vec::new()) {
+        Ok(()) => rounded(&new),
+        Err(_) => *unit,
+    }
+}
+
 /// Reduces the gains to what a delay of the drive allows.
 fn correct_for_delay(
     new: &mut UnitSettings,

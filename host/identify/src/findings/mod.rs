@@ -25,7 +25,7 @@ mod rewrite;
 mod ripples;
 
 pub use advice::without_setting;
-pub use correct::{correct, gains_for_delay, Corrected, Frame};
+pub use correct::{correct, gains_for_delay, slowed, Corrected, Frame};
 pub use rewrite::{rewrite, Rewritten};
 pub use ripples::merge_ripples;
 
