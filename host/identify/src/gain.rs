@@ -3,8 +3,7 @@
 //! One pair shows a gain of a few per cent by chance as often as not: zeros are taken anew for each run, and the robot does
 //! not move twice in the same way. So the pair is repeated until the interval of the gain excludes zero. It is looked at after
 //! each pair, up to nine times, and each look has a chance of its own to exclude zero wrongly. The interval of one look is
-//! therefore that of 99 %: where nothing changes, one of the nine looks decides in 5 % of all trials, and calls it better in
-//! 2.5 %. With 95 % each they were 20 % and 10 % (200,000 trials of normal numbers).
+//! therefore that of 99 %: where nothing changes, one of the nine looks decides in 5 % of all trials, as a test counts.
 
 use super::Figures;
 use serde::Serialize;

@@ -253,10 +253,12 @@ fn correct_gain_and_share(
 #[must_use]
 pub fn slowed(unit: &UnitSettings, delay_s: f64) -> UnitSettings {
     let mut new = *unit;
-    match correct_for_delay(&mut new, delay_s, &mut Vec::new()) {
-        Ok(()) => rounded(&new),
-        Err(_) => *unit,
+    if delay_s <= NEGLIGIBLE_DELAY_S
+        || correct_for_delay(&mut new, delay_s, &mut Vec::new()).is_err()
+    {
+        return *unit;
     }
+    rounded(&new)
 }
 
 /// Reduces the gains to what a delay of the drive allows.

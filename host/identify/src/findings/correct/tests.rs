@@ -180,6 +180,16 @@ fn a_delay_brings_gains_down_once() {
 }
 
 #[test]
+fn without_a_delay_no_setting_is_touched() {
+    let mut unit = rig().units[0];
+    unit.dac_codes_per_n = 277.477_123_4;
+    for delay_s in [0.0, NEGLIGIBLE_DELAY_S, 2.0 * MAX_DELAY_S] {
+        assert_eq!(slowed(&unit, delay_s), unit);
+    }
+    assert!(slowed(&unit, 0.0045).kp < unit.kp);
+}
+
+#[test]
 fn ripples_of_one_period_add_up_and_others_take_the_next_place() {
     let compensation = |ripples| Compensation {
         ripples,
