@@ -44,7 +44,7 @@ fn service(folder: &std::path::Path) -> Arc<Mutex<Vec<String>>> {
                         json!({})
                     };
                     let answer = json!({"jsonrpc": "2.0", "id": request["id"], "result": result});
-                    if writeln!(out, "{answer}").is_err() {
+                    if !send(&mut out, &answer) {
                         return;
                     }
                     if method == "subscribe" {
@@ -58,6 +58,11 @@ fn service(folder: &std::path::Path) -> Arc<Mutex<Vec<String>>> {
     calls
 }
 
+/// Sends a line in one write: a value writes itself piece by piece, and two threads write to a client.
+fn send(out: &mut impl Write, line: &Value) -> bool {
+    out.write_all(format!("{line}\n").as_bytes()).is_ok()
+}
+
 /// Telemetry as an older service sends it: without the newer keys.
 fn telemetry(out: &mut impl Write) {
     for n in 0.. {
@@ -66,7 +71,7 @@ fn telemetry(out: &mut impl Write) {
             "setpoint_n": [null, null, null, null, null, null], "state": "running", "tip_m": null, "true_force_n": null,
         });
         let line = json!({"jsonrpc": "2.0", "method": "telemetry", "params": params});
-        if writeln!(out, "{line}").is_err() {
+        if !send(out, &line) {
             return;
         }
         std::thread::sleep(Duration::from_millis(20));
