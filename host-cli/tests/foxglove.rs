@@ -60,13 +60,27 @@ fn a_recording_keeps_its_schemas_and_the_layout_fits_it() {
     expect(folder, line, 0, &[]);
     let mcap = folder.join("recording/run.mcap");
     let found = read(&python, "recording", mcap.to_str().expect("a path"));
-    for topic in ["/sample", "/cycle", "/clock", "/counters", "/log", "/tip"] {
+    let drawn = ["/tip", "/tf", "/force"];
+    for topic in [
+        "/sample/unit1",
+        "/sample/unit6",
+        "/cycle",
+        "/clock",
+        "/counters",
+        "/log",
+    ]
+    .into_iter()
+    .chain(drawn)
+    {
         assert!(
             found["counts"][topic].as_u64() > Some(0),
             "{topic}: {found}"
         );
     }
-    plots(&found, &["/sample", "/cycle", "/clock"]);
+    plots(
+        &found,
+        &["/sample/unit1", "/sample/unit6", "/cycle", "/clock"],
+    );
 }
 
 /// Ends with the test.
@@ -100,11 +114,11 @@ fn the_live_stream_keeps_its_schemas_and_the_layout_fits_it() {
         std::thread::sleep(Duration::from_millis(50));
     }
     let found = read(&python, "live", &format!("ws://{address}"));
-    for topic in ["/unit", "/rig", "/tip"] {
+    for topic in ["/unit1", "/unit6", "/rig", "/tip", "/tf", "/force"] {
         assert!(
             found["counts"][topic].as_u64() >= Some(10),
             "{topic}: {found}"
         );
     }
-    plots(&found, &["/unit", "/rig"]);
+    plots(&found, &["/unit1", "/unit6", "/rig"]);
 }

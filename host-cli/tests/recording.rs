@@ -64,7 +64,7 @@ fn a_killed_run_leaves_all_but_its_last_chunk_to_every_reader() {
     let good = messages
         .iter()
         .flatten()
-        .filter(|message| message.channel.topic == "/sample")
+        .filter(|message| message.channel.topic.starts_with("/sample/"))
         .count();
     assert_eq!(good as u64, samples);
     // That of PyPI.
@@ -77,7 +77,7 @@ topics, samples = {}, 0
 try:
     for record in StreamReader(open(sys.argv[1], 'rb')).records:
         if isinstance(record, Channel): topics[record.id] = record.topic
-        if isinstance(record, Message): samples += topics[record.channel_id] == '/sample'
+        if isinstance(record, Message): samples += topics[record.channel_id].startswith('/sample/')
 except Exception as error:
     print(type(error).__name__, file=sys.stderr)
 print(samples)
@@ -93,12 +93,58 @@ print(samples)
     // Parquet afterwards, and what the check says.
     let rows = format!("samples.parquet: {samples} rows");
     expect(folder.path(), "recording export rec", 6, &[&rows]);
+    let repaired = folder.path().join("rec").join(recording::REPAIRED_FILE);
+    assert!(!repaired.exists());
+    a_copy_is_read_by_those_who_refuse_the_file(folder.path(), &mcap, &repaired, samples);
     let checked = check(&folder.path().join("rec")).expect("reads");
     assert_eq!(checked.end, "cut off");
     expect(folder.path(), "recording check rec", 6, &["cut off"]);
     // The folder holds rows: it is not used again.
     let again = "set-force 0 1 0 --link fast --duration 1 --record rec";
     expect(folder.path(), again, 7, &["another folder"]);
+}
+
+/// `recording export --mcap` of a file without an end, and readers that begin with the index at the end.
+fn a_copy_is_read_by_those_who_refuse_the_file(
+    folder: &Path,
+    mcap: &Path,
+    repaired: &Path,
+    samples: u64,
+) {
+    let bytes = std::fs::read(mcap).expect("is there");
+    assert!(mcap::Summary::read(&bytes).is_err(), "no end, no summary");
+    let lists = ["repaired.mcap: ", "messages"];
+    expect(folder, "recording export rec --mcap", 6, &lists);
+    assert_eq!(read(repaired), (samples, End::Complete));
+    let bytes = std::fs::read(repaired).expect("is there");
+    let summary = mcap::Summary::read(&bytes).expect("reads");
+    let stats = summary.and_then(|summary| summary.stats).expect("counts");
+    let messages = mcap::MessageStream::new(&bytes).expect("opens");
+    let messages = messages.map(|message| message.expect("is whole")).count();
+    assert_eq!(stats.message_count, messages as u64);
+    if let Some(python) = python("mcap, lz4") {
+        let script = "
+import sys
+from mcap.reader import make_reader
+try:
+    print(sum(c.topic.startswith('/sample/') for _, c, _ in make_reader(open(sys.argv[1], 'rb')).iter_messages()))
+except Exception as error:
+    print('refused:', type(error).__name__)
+";
+        let said = |path: &Path| {
+            let mut python = Command::new(&python);
+            let output = python.args(["-c", script]).arg(path).output();
+            let output = output.expect("python runs");
+            String::from_utf8_lossy(&output.stdout).trim().to_owned()
+        };
+        // What it takes for the end is the middle of a record: which error that is depends on its bytes.
+        let refused = said(mcap);
+        assert!(
+            refused.starts_with("refused: "),
+            "as docs/recordings.md says: {refused}"
+        );
+        assert_eq!(said(repaired), samples.to_string());
+    }
 }
 
 #[test]
@@ -146,6 +192,108 @@ fn a_full_disk_ends_neither_the_run_nor_what_was_recorded() {
     // Where there is room, the Parquet files can be written later.
     expect(folder.path(), "recording export rec --out later", 6, &[]);
     assert!(folder.path().join("later/samples.parquet").is_file());
+}
+
+/// A number of a message with its name, as PlotJuggler names it: `/` before a key, `[n]` behind a list.
+fn flatten(name: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) {
+    match value {
+        serde_json::Value::Object(fields) => {
+            for (key, value) in fields {
+                flatten(&format!("{name}/{key}"), value, out);
+            }
+        }
+        serde_json::Value::Array(items) => {
+            for (index, value) in items.iter().enumerate() {
+                flatten(&format!("{name}[{index}]"), value, out);
+            }
+        }
+        serde_json::Value::Number(number) => {
+            out.push((name.to_owned(), number.as_f64().expect("is finite")));
+        }
+        serde_json::Value::Bool(flag) => out.push((name.to_owned(), f64::from(u8::from(*flag)))),
+        // Text and null make no curve.
+        serde_json::Value::String(_) | serde_json::Value::Null => {}
+    }
+}
+
+/// The rules by which PlotJuggler 3 reads MCAP and Parquet, from its sources: it is in neither Debian nor PyPI.
+#[test]
+fn a_recording_by_plotjugglers_rules_has_a_curve_a_unit_and_all_of_the_layout() {
+    use std::collections::BTreeMap;
+    let folder = folder();
+    let line = "set-force 0 1.5 0 --link fast --duration 2 --record rec";
+    let said = run(folder.path(), line);
+    assert!(matches!(said.code, Some(0 | 6)), "{said:?}");
+    let bytes = std::fs::read(folder.path().join("rec/run.mcap")).expect("is there");
+
+    // The quick way in: channels, schemas and counts by the offsets of the summary.
+    let footer = mcap::read::footer(&bytes).expect("has an end");
+    assert!(footer.summary_start > 0 && footer.summary_offset_start > footer.summary_start);
+    let summary = mcap::Summary::read(&bytes)
+        .expect("reads")
+        .expect("is there");
+    assert!(summary.stats.is_some());
+    // A parser by the encoding of the channel: JSON is known. The time is that of the log; a stamp in the message counts
+    // only where it is a number.
+    let mut curves: BTreeMap<String, Vec<(u64, f64)>> = BTreeMap::new();
+    for message in mcap::MessageStream::new(&bytes).expect("opens") {
+        let message = message.expect("is whole");
+        assert_eq!(message.channel.message_encoding, "json");
+        assert!(
+            message.channel.schema.is_some(),
+            "without one it is skipped"
+        );
+        let value = serde_json::from_slice(&message.data).expect("JSON");
+        let mut numbers = Vec::new();
+        flatten(&message.channel.topic, &value, &mut numbers);
+        for (name, value) in numbers {
+            let curve = curves.entry(name).or_default();
+            curve.push((message.log_time, value));
+        }
+    }
+    for unit in 1..=6 {
+        let numbers = &curves[&format!("/sample/unit{unit}/unit")];
+        assert!(numbers.iter().all(|(_, number)| *number == f64::from(unit)));
+    }
+    // A line through the points in their sequence: none goes back.
+    for (name, curve) in &curves {
+        let forward = |pair: &[(u64, f64)]| pair[0].0 <= pair[1].0;
+        assert!(curve.windows(2).all(forward), "{name} zigzags");
+        if name.starts_with("/sample/") {
+            assert!(curve.windows(2).all(|pair| pair[0].0 < pair[1].0), "{name}");
+        }
+    }
+    let layout = include_str!("../examples/plotjuggler-layout.xml");
+    let shown: Vec<&str> = layout
+        .split("<curve name=\"")
+        .skip(1)
+        .map(|rest| rest.split('"').next().expect("a quote"))
+        .collect();
+    assert!(shown.len() >= 40);
+    for name in shown {
+        assert!(curves.contains_key(name), "the layout shows {name}");
+    }
+
+    // Parquet: columns without parts, each of a number, a time or a text, and `utc` as the axis.
+    use parquet::basic::Type;
+    use parquet::file::reader::{FileReader, SerializedFileReader};
+    use parquet::record::RowAccessor;
+    for table in recording::TABLES {
+        let file = std::fs::File::open(folder.path().join("rec").join(table.file)).expect("opens");
+        let reader = SerializedFileReader::new(file).expect("Parquet");
+        let schema = reader.metadata().file_metadata().schema_descr_ptr();
+        for column in schema.columns() {
+            assert_eq!(column.path().parts().len(), 1, "{}", column.path());
+            let kinds = [Type::DOUBLE, Type::INT32, Type::INT64, Type::BYTE_ARRAY];
+            assert!(kinds.contains(&column.physical_type()), "{}", column.path());
+        }
+        assert_eq!(schema.column(0).name(), "utc");
+        let rows = reader.get_row_iter(None).expect("rows");
+        let utc: Vec<i64> = rows
+            .map(|row| row.expect("a row").get_long(0).expect("a time"))
+            .collect();
+        assert!(!utc.is_empty(), "{}", table.file);
+    }
 }
 
 #[test]
@@ -247,7 +395,11 @@ fn the_documents_list_every_column_with_its_unit() {
     let page: Vec<&str> = page.lines().collect();
     let mut rows = 0;
     for table in recording::TABLES {
-        let title = format!("## `{}`, topic `{}`", table.file, table.topic);
+        let title = match table.topics {
+            [topic] => format!("## `{}`, topic `{topic}`", table.file),
+            [first, .., last] => format!("## `{}`, topics `{first}` to `{last}`", table.file),
+            [] => unreachable!("a table has a topic"),
+        };
         let start = page.iter().position(|line| *line == title);
         let start = start.unwrap_or_else(|| panic!("docs/recording-columns.md lacks: {title}"));
         for field in table.fields {

@@ -40,6 +40,9 @@ enum What {
         /// Folder for the Parquet files [default: that of the recording]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
+        /// Also write repaired.mcap, with index and end, for programs that refuse the run.mcap of a killed run
+        #[arg(long)]
+        mcap: bool,
     },
     /// Join a robot's log with a recording by time, with the error of the join
     Merge {
@@ -84,7 +87,11 @@ impl Recording {
                     .map_err(|error| Failure::new(exit::FILE, error))?;
                 Ok(Reply::new(text_of(&checked), json).with_code(code))
             }
-            What::Export { recording, out } => {
+            What::Export {
+                recording,
+                out,
+                mcap: repaired,
+            } => {
                 let mcap = mcap_of(recording);
                 let beside = mcap.parent().map(std::path::Path::to_owned);
                 let folder = out.clone().or(beside).unwrap_or_default();
@@ -94,7 +101,7 @@ impl Recording {
                     &folder
                 })
                 .map_err(|error| Failure::file(&folder, error))?;
-                export(&mcap, &folder)
+                export(&mcap, &folder, *repaired)
             }
             What::Merge {
                 recording,
@@ -127,11 +134,23 @@ impl Recording {
     }
 }
 
-fn export(mcap: &std::path::Path, folder: &std::path::Path) -> Result<Reply> {
-    let exported = recording::export(mcap, folder);
+fn export(mcap: &std::path::Path, folder: &std::path::Path, repaired: bool) -> Result<Reply> {
+    let mut exported = recording::export(mcap, folder);
+    if repaired {
+        let to = folder.join(recording::REPAIRED_FILE);
+        match recording::repair(mcap, &to) {
+            Ok(copied) => exported.files.push((to, copied.messages)),
+            Err(error) => exported.failures.push(error),
+        }
+    }
     let mut text = String::new();
     for (path, rows) in &exported.files {
-        row!(text, "{}: {rows} rows", path.display());
+        let what = if path.ends_with(recording::REPAIRED_FILE) {
+            "messages"
+        } else {
+            "rows"
+        };
+        row!(text, "{}: {rows} {what}", path.display());
     }
     let files: Vec<_> = exported
         .files

@@ -2,7 +2,7 @@
 
 use super::error::RecordError;
 use super::folder::sha256;
-use super::format::{CONFIGURATION_METADATA, FORMAT, METADATA, RIG_ATTACHMENT, SUMS_FILE};
+use super::format::{CONFIGURATION_METADATA, FORMATS, METADATA, RIG_ATTACHMENT, SUMS_FILE};
 use super::read::{mcap_of, End, Entry, Reader};
 use super::rows::{ClockRow, CounterRow, CycleRow, EventRow, SampleRow, PREPARING};
 use super::table::Row;
@@ -131,10 +131,10 @@ pub fn check(recording: &Path) -> Result<Checked, RecordError> {
             format!("the file is {}; what comes before is intact", checked.end),
         );
     }
-    if checked.metadata.get("format").map(String::as_str) != Some(FORMAT) {
-        checked
-            .problems
-            .push(format!("the format is not `{FORMAT}`"));
+    let format = checked.metadata.get("format").map_or("", String::as_str);
+    if !FORMATS.contains(&format) {
+        let problem = format!("the format `{format}` is none of {FORMATS:?}");
+        checked.problems.push(problem);
     }
     checked.clock_of(&found.clock_rows);
     checked.counters_of(&found.counters);

@@ -15,7 +15,8 @@
 //! | what waits for the writer; rows, clocks, chunks | `queue`, `writer`, `utc`, `sink` |
 //! | the clocks as they are known afterwards | `times` |
 //! | names, columns and schemas | `format`, `table`, `rows` |
-//! | reading it, cut off or not | `read` |
+//! | what Foxglove's 3D view draws | `foxglove` |
+//! | reading it, cut off or not; a complete copy of it | `read`, `repair` |
 //! | Parquet from it | `parquet` |
 //! | what it holds and lacks | `check` |
 //! | a robot's log beside it | `merge` |
@@ -25,12 +26,14 @@ pub mod check;
 mod error;
 pub(crate) mod folder;
 mod format;
+pub mod foxglove;
 pub mod merge;
 mod metadata;
 mod parquet;
 mod queue;
 pub mod read;
 mod recorder;
+mod repair;
 pub mod rows;
 mod sink;
 pub mod table;
@@ -42,11 +45,12 @@ mod writer;
 
 pub use error::RecordError;
 pub use format::{
-    BOARD_METADATA, CONFIGURATION_METADATA, FORMAT, JSON_FILE, MCAP_FILE, METADATA, RIG_ATTACHMENT,
-    SUMS_FILE, TABLES,
+    BOARD_METADATA, CONFIGURATION_METADATA, FORMAT, FORMATS, JSON_FILE, MCAP_FILE, METADATA,
+    RIG_ATTACHMENT, SUMS_FILE, TABLES,
 };
 pub use metadata::Metadata;
 pub use parquet::{export, Exported};
 pub use recorder::{Finished, Recorder};
+pub use repair::{repair, Repaired, REPAIRED_FILE};
 pub use sink::Storage;
 pub use writer::CHUNK_PERIOD;

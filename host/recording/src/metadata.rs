@@ -1,7 +1,7 @@
 //! What a recording says of itself.
 
 use crate::format::FORMAT;
-use crate::rows::FRAME;
+use crate::foxglove::FRAME;
 use crate::table::{ColumnTable, Utc};
 use rig::{board_crc, Rig};
 use std::collections::BTreeMap;

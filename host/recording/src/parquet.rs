@@ -5,7 +5,7 @@
 
 use super::error::RecordError;
 use super::read::{mcap_of, End, Entry, Reader};
-use super::rows::{ClockRow, CounterRow, CycleRow, EventRow, SampleRow};
+use super::rows::{ClockRow, CounterRow, CycleRow, EventRow, SampleRow, FAULT};
 use super::table::{Cell, Kind, Row, Table};
 use super::times::Clocks;
 use files::Part;
@@ -99,7 +99,11 @@ impl Outputs {
             self.row::<CounterRow>(data, host_time);
         } else if topic == EventRow::TABLE.topic {
             self.row::<EventRow>(data, |row, clocks| {
-                host_time(row, clocks);
+                if row.name == FAULT {
+                    row.set_times(clocks.of_board(row.board_s));
+                } else {
+                    host_time(row, clocks);
+                }
                 row.timestamp = row.utc;
             });
         } else if topic == ClockRow::TABLE.topic {

@@ -1,7 +1,9 @@
 //! Reading a recording's MCAP file from start to end, complete or cut off in the middle.
 
 use super::error::RecordError;
-use super::format::{BOARD_METADATA, CONFIGURATION_METADATA, MCAP_FILE, METADATA, RIG_ATTACHMENT};
+use super::format::{
+    table_topic, BOARD_METADATA, CONFIGURATION_METADATA, MCAP_FILE, METADATA, RIG_ATTACHMENT,
+};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::{BTreeMap, HashMap};
@@ -17,7 +19,7 @@ const RECORD_MAX: usize = 256 << 20;
 pub enum Entry {
     /// A message.
     Message {
-        /// Its topic.
+        /// Its table's topic: `/sample` for the samples of any unit.
         topic: String,
         /// UTC of the event, ns since 1970.
         log_time: u64,
@@ -110,8 +112,8 @@ impl Reader {
         &self.end
     }
 
-    /// The next record that says something.
-    fn advance(&mut self) -> Result<Option<Entry>, mcap::McapError> {
+    /// The next record.
+    fn advance(&mut self) -> Result<Option<Record<'static>>, mcap::McapError> {
         while let Some(event) = self.reader.next_event() {
             match event? {
                 LinearReadEvent::ReadRequest(need) => {
@@ -124,41 +126,52 @@ impl Reader {
                     self.reader.notify_read(read);
                 }
                 LinearReadEvent::Record { data, opcode } => {
-                    let entry = match mcap::parse_record(opcode, data)? {
-                        Record::Channel(channel) => {
-                            self.topics.insert(channel.id, channel.topic);
-                            None
-                        }
-                        Record::Message { header, data } => Some(Entry::Message {
-                            topic: self
-                                .topics
-                                .get(&header.channel_id)
-                                .cloned()
-                                .unwrap_or_default(),
-                            log_time: header.log_time,
-                            data: data.into_owned(),
-                        }),
-                        Record::Metadata(metadata) => Some(Entry::Metadata {
-                            name: metadata.name,
-                            pairs: metadata.metadata,
-                        }),
-                        Record::Attachment { header, data, .. } => Some(Entry::Attachment {
-                            name: header.name,
-                            data: data.into_owned(),
-                        }),
-                        Record::Footer(_) => {
-                            self.footer = true;
-                            None
-                        }
-                        _ => None,
-                    };
-                    if entry.is_some() {
-                        return Ok(entry);
-                    }
+                    let record = mcap::parse_record(opcode, data)?.into_owned();
+                    self.footer |= matches!(record, Record::Footer(_));
+                    return Ok(Some(record));
                 }
             }
         }
         Ok(None)
+    }
+
+    /// The next record as it is in the file; `None` at the end, which [`Reader::end`] tells.
+    pub(super) fn record(&mut self) -> Option<Record<'static>> {
+        if self.end != End::Unknown {
+            return None;
+        }
+        self.end = match self.advance() {
+            Ok(Some(record)) => return Some(record),
+            Ok(None) if self.footer => End::Complete,
+            Ok(None) | Err(mcap::McapError::UnexpectedEof) => End::CutOff,
+            Err(error) => End::Damaged(error.to_string()),
+        };
+        None
+    }
+
+    /// What a record says, if anything.
+    fn entry(&mut self, record: Record<'static>) -> Option<Entry> {
+        match record {
+            Record::Channel(channel) => {
+                let topic = table_topic(&channel.topic).to_owned();
+                self.topics.insert(channel.id, topic);
+                None
+            }
+            Record::Message { header, data } => Some(Entry::Message {
+                topic: (self.topics.get(&header.channel_id).cloned()).unwrap_or_default(),
+                log_time: header.log_time,
+                data: data.into_owned(),
+            }),
+            Record::Metadata(metadata) => Some(Entry::Metadata {
+                name: metadata.name,
+                pairs: metadata.metadata,
+            }),
+            Record::Attachment { header, data, .. } => Some(Entry::Attachment {
+                name: header.name,
+                data: data.into_owned(),
+            }),
+            _ => None,
+        }
     }
 }
 
@@ -166,28 +179,13 @@ impl Iterator for Reader {
     type Item = Entry;
 
     fn next(&mut self) -> Option<Entry> {
-        if self.end != End::Unknown {
-            return None;
-        }
-        match self.advance() {
-            Ok(Some(entry)) => Some(entry),
-            Ok(None) => {
-                self.end = if self.footer {
-                    End::Complete
-                } else {
-                    End::CutOff
-                };
-                None
-            }
-            Err(mcap::McapError::UnexpectedEof) => {
-                self.end = End::CutOff;
-                None
-            }
-            Err(error) => {
-                self.end = End::Damaged(error.to_string());
-                None
+        while let Some(record) = self.record() {
+            let entry = self.entry(record);
+            if entry.is_some() {
+                return entry;
             }
         }
+        None
     }
 }
 

@@ -3,15 +3,23 @@
 use super::table::{row, table, Utc};
 use force::metrics::Step;
 use run::Phase;
-use serde::{Deserialize, Serialize};
-use serde_json::{json, Value as Json};
 use session::TimedSample;
 use wire::message::{Sample, UnitConfig};
 use wire::UNITS;
 
+/// Topics of the samples, units 1 to 6: programs that draw a topic as a line would mix the units of one.
+pub const SAMPLE_TOPICS: [&str; UNITS] = [
+    "/sample/unit1",
+    "/sample/unit2",
+    "/sample/unit3",
+    "/sample/unit4",
+    "/sample/unit5",
+    "/sample/unit6",
+];
+
 table! {
     /// A sample of a unit: raw codes, and the same in SI units by the configuration that the row names.
-    SampleRow { "/sample", "force_rig.Sample", "samples.parquet", "one sample of one unit; the times are those of its DRDY edge" }
+    SampleRow { "/sample" as SAMPLE_TOPICS by unit, "force_rig.Sample", "samples.parquet", "one sample of one unit; the times are those of its DRDY edge" }
     configuration: i32, "", "index of the configuration that the row was converted with";
     unit: i32, "", "unit, from 1";
     adc_code: i32, "", "code of the load cell's converter";
@@ -101,6 +109,9 @@ pub const fn phase_name(phase: Phase) -> &'static str {
     }
 }
 
+/// Name of the event of a fault. Its time is the board's, when it was latched; that of others is the host's.
+pub const FAULT: &str = "fault";
+
 /// Phase of a recording that no run drives.
 pub const OBSERVING: &str = "observing";
 
@@ -182,111 +193,6 @@ impl CycleRow {
             tension_setpoint_n: step.tension_setpoint_n,
             measured_tension_n: step.measured_tension_n,
             true_tension_n: step.true_tension_n,
-        })
-    }
-}
-
-/// Frame of every position and force.
-pub const FRAME: &str = "robot_base";
-
-/// The tip as Foxglove's `PoseInFrame`, for its 3D view. The orientation of the tool is not known to the rig.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct TipPose {
-    /// When.
-    pub timestamp: Utc,
-    /// [`FRAME`].
-    pub frame_id: String,
-    /// The pose.
-    pub pose: Pose,
-}
-
-/// `foxglove.Pose`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Pose {
-    /// Position, m.
-    pub position: Vector,
-    /// Orientation, a unit quaternion.
-    pub orientation: Quaternion,
-}
-
-/// `foxglove.Vector3`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Vector {
-    /// x, m.
-    pub x: f64,
-    /// y, m.
-    pub y: f64,
-    /// z, m.
-    pub z: f64,
-}
-
-/// `foxglove.Quaternion`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Quaternion {
-    /// x.
-    pub x: f64,
-    /// y.
-    pub y: f64,
-    /// z.
-    pub z: f64,
-    /// w.
-    pub w: f64,
-}
-
-impl TipPose {
-    /// Topic.
-    pub const TOPIC: &'static str = "/tip";
-    /// Name of the schema.
-    pub const SCHEMA_NAME: &'static str = "foxglove.PoseInFrame";
-
-    /// At a position in the robot's base frame, m.
-    #[must_use]
-    pub fn new(timestamp: Utc, [x, y, z]: [f64; 3]) -> Self {
-        Self {
-            timestamp,
-            frame_id: FRAME.to_owned(),
-            pose: Pose {
-                position: Vector { x, y, z },
-                orientation: Quaternion {
-                    x: 0.0,
-                    y: 0.0,
-                    z: 0.0,
-                    w: 1.0,
-                },
-            },
-        }
-    }
-
-    /// JSON schema, as Foxglove publishes it.
-    #[must_use]
-    pub fn json_schema() -> Json {
-        use super::table::Value;
-        let numbers = |title: &str, names: &[&str]| {
-            let properties: serde_json::Map<_, _> = names
-                .iter()
-                .map(|name| ((*name).to_owned(), json!({"type": "number"})))
-                .collect();
-            json!({"type": "object", "title": title, "required": names, "properties": properties})
-        };
-        json!({
-            "$schema": "https://json-schema.org/draft/2020-12/schema",
-            "title": Self::SCHEMA_NAME,
-            "description": "tip of the robot; the orientation is not known and constant",
-            "type": "object",
-            "required": ["timestamp", "frame_id", "pose"],
-            "properties": {
-                "timestamp": Utc::schema(),
-                "frame_id": {"type": "string"},
-                "pose": {
-                    "type": "object",
-                    "title": "foxglove.Pose",
-                    "required": ["position", "orientation"],
-                    "properties": {
-                        "position": numbers("foxglove.Vector3", &["x", "y", "z"]),
-                        "orientation": numbers("foxglove.Quaternion", &["x", "y", "z", "w"]),
-                    },
-                },
-            },
         })
     }
 }

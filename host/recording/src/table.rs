@@ -211,8 +211,10 @@ impl Field {
 /// A table: topic of the MCAP file and Parquet file.
 #[derive(Debug, Clone, Copy)]
 pub struct Table {
-    /// Topic.
+    /// Topic; the part that all have in common where there are several.
     pub topic: &'static str,
+    /// Topics of the MCAP file: one, or one for each unit. A plot draws a line through all messages of a topic.
+    pub topics: &'static [&'static str],
     /// Name of the schema.
     pub schema_name: &'static str,
     /// Parquet file.
@@ -334,6 +336,8 @@ impl ColumnTable {
 pub trait Row: Serialize + for<'de> Deserialize<'de> {
     /// Its table.
     const TABLE: Table;
+    /// Its topic, one of [`Table::topics`].
+    fn topic(&self) -> &'static str;
     /// Its cells, in the order of the columns.
     fn cells(&self) -> Vec<Cell>;
     /// When it was, in the clocks of host (s) and board (s), for [`Row::set_times`].
@@ -353,11 +357,22 @@ pub struct Times {
     pub board_s: f64,
 }
 
+/// The topics of a table.
+macro_rules! topics {
+    ($topic:literal) => {
+        &[$topic]
+    };
+    ($topic:literal $topics:ident) => {
+        &$topics
+    };
+}
+pub(super) use topics;
+
 /// Declares a table with its row. Every row begins with the three clocks and the phase.
 macro_rules! table {
     (
         $(#[$meta:meta])*
-        $row:ident { $topic:literal, $schema:literal, $file:literal, $what:literal }
+        $row:ident { $topic:literal $(as $topics:ident by $number:ident)?, $schema:literal, $file:literal, $what:literal }
         $( $field:ident: $type:ty, $unit:literal, $meaning:literal; )*
     ) => {
         $(#[$meta])*
@@ -381,6 +396,7 @@ macro_rules! table {
         impl $crate::table::Row for $row {
             const TABLE: $crate::table::Table = $crate::table::Table {
                 topic: $topic,
+                topics: $crate::table::topics!($topic $($topics)?),
                 schema_name: $schema,
                 file: $file,
                 row: $what,
@@ -392,6 +408,13 @@ macro_rules! table {
                     $( $crate::table::field::<$type>(stringify!($field), $unit, $meaning), )*
                 ],
             };
+
+            fn topic(&self) -> &'static str {
+                // From 1; what is of no unit of the rig is kept with the nearest.
+                let number: i32 = [$(self.$number,)? 1][0];
+                let index = usize::try_from(number.saturating_sub(1)).unwrap_or(0);
+                Self::TABLE.topics[index.min(Self::TABLE.topics.len() - 1)]
+            }
 
             fn cells(&self) -> Vec<$crate::table::Cell> {
                 use $crate::table::Value;

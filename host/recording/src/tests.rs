@@ -1,7 +1,7 @@
 //! Recordings: read back, on a slow disk, on a full one. Killed processes are in `host-cli/tests/recording.rs`.
 
 use super::read::{End, Entry, Reader};
-use super::rows::{CycleRow, EventRow, SampleRow, TipPose, PHASES};
+use super::rows::{CycleRow, EventRow, SampleRow, FAULT, PHASES, SAMPLE_TOPICS};
 use super::table::{Row, Table};
 use super::*;
 use ::parquet::file::reader::{FileReader, SerializedFileReader};
@@ -269,9 +269,9 @@ fn every_message_has_the_form_of_its_schema_and_no_more() {
         );
         topics.insert(message.channel.topic.clone());
     }
-    let mut expected: BTreeSet<String> =
-        TABLES.iter().map(|table| table.topic.to_owned()).collect();
-    expected.insert(TipPose::TOPIC.to_owned());
+    let of_tables = TABLES.iter().flat_map(|table| table.topics).copied();
+    let drawn = foxglove::topics().into_iter().map(|(topic, ..)| topic);
+    let expected: BTreeSet<String> = of_tables.chain(drawn).map(str::to_owned).collect();
     assert_eq!(topics, expected);
 }
 
@@ -305,6 +305,172 @@ fn a_message_that_lacks_a_field_or_has_one_more_is_not_of_the_schema() {
         let mut wrong = good.clone();
         wrong[key] = value;
         assert!(!validator.is_valid(&wrong), "{key}");
+    }
+}
+
+#[test]
+fn a_fault_has_the_time_at_which_the_board_latched_it() {
+    // Also where the board's 32 bits have wrapped since.
+    for wraps in [0, 1 << 32] {
+        let folder = tempfile::tempdir().unwrap();
+        let disk = Disk::default();
+        let mut recorder = on(&disk, folder.path());
+        let mut first = received(0);
+        let shift = |received: &mut Received| {
+            let by_us = if wraps == 0 { 0 } else { wraps - 1_012_000 };
+            received.samples.iter_mut().for_each(|s| s.t_us += by_us);
+            received
+                .readings
+                .iter_mut()
+                .for_each(|r| r.board_us += by_us);
+        };
+        shift(&mut first);
+        recorder.received(&first);
+        let mut second = received(1);
+        shift(&mut second);
+        // Latched with the third sample, which is 6.5 ms older than the newest reading.
+        let latched = second.samples[6].t_us;
+        second.faults.push(wire::message::FaultReport {
+            t_us: latched as u32,
+            unit: 2,
+            code: 33,
+            detail: 0,
+        });
+        recorder.received(&second);
+        assert!(
+            recorder.finish().complete().is_err(),
+            "the file is elsewhere"
+        );
+        std::fs::write(folder.path().join(MCAP_FILE), &*disk.bytes.lock().unwrap()).unwrap();
+        let (entries, _) = entries(&folder.path().join(MCAP_FILE));
+        let samples: Vec<SampleRow> = rows(&entries);
+        let events: Vec<EventRow> = rows(&entries);
+        let fault = events.iter().find(|event| event.name == FAULT).unwrap();
+        let with = &samples[20 + 6];
+        assert_eq!(fault.board_s, with.board_s, "{wraps}");
+        assert_eq!((fault.utc, fault.host_s), (with.utc, with.host_s));
+        // Parquet has the better clocks, and the same moment.
+        let exported = export(folder.path(), folder.path());
+        assert!(exported.failures.is_empty(), "{:?}", exported.failures);
+        let column = |file: &str, name: &str| -> Vec<f64> {
+            let file = File::open(folder.path().join(file)).unwrap();
+            let reader = SerializedFileReader::new(file).unwrap();
+            let rows = reader.get_row_iter(None).unwrap().map(Result::unwrap);
+            rows.map(|row| {
+                let at = row.get_column_iter().position(|(n, _)| n == name).unwrap();
+                row.get_double(at).unwrap()
+            })
+            .collect()
+        };
+        let host_s = column("events.parquet", "host_s");
+        assert!(host_s.contains(&column("samples.parquet", "host_s")[26]));
+    }
+}
+
+/// The same recording as version 2 had it: the samples of all units on one topic.
+fn as_version_2(bytes: &[u8]) -> Vec<u8> {
+    let mut old = mcap::Writer::new(io::Cursor::new(Vec::new())).unwrap();
+    let mut pairs = metadata().pairs();
+    pairs.insert("format".to_owned(), FORMATS[0].to_owned());
+    let record = mcap::records::Metadata {
+        name: METADATA.to_owned(),
+        metadata: pairs,
+    };
+    old.write_metadata(&record).unwrap();
+    for message in mcap::MessageStream::new(bytes).unwrap() {
+        let message = message.unwrap();
+        let schema = message.channel.schema.clone().unwrap();
+        let schema = (old.add_schema(&schema.name, &schema.encoding, &schema.data)).unwrap();
+        let topic = match message.channel.topic.as_str() {
+            topic if topic.starts_with("/sample/") => "/sample",
+            topic => topic,
+        };
+        let channel = old.add_channel(schema, topic, "json", &BTreeMap::new());
+        let header = mcap::records::MessageHeader {
+            channel_id: channel.unwrap(),
+            sequence: message.sequence,
+            log_time: message.log_time,
+            publish_time: message.publish_time,
+        };
+        old.write_to_known_channel(&header, &message.data).unwrap();
+    }
+    old.finish().unwrap();
+    old.into_inner().into_inner()
+}
+
+#[test]
+fn a_recording_of_version_2_reads_the_same_and_its_copy_has_a_topic_a_unit() {
+    let temporary = tempfile::tempdir().unwrap();
+    let new = temporary.path().join("new");
+    let finished = run_into(&new).complete().unwrap();
+    let old = temporary.path().join("old");
+    std::fs::create_dir(&old).unwrap();
+    let bytes = std::fs::read(new.join(MCAP_FILE)).unwrap();
+    std::fs::write(old.join(MCAP_FILE), as_version_2(&bytes)).unwrap();
+
+    let messages = |folder: &std::path::Path| -> Vec<Entry> {
+        let (entries, end) = entries(&folder.join(MCAP_FILE));
+        assert_eq!(end, End::Complete);
+        let messages = entries.into_iter();
+        messages
+            .filter(|entry| matches!(entry, Entry::Message { .. }))
+            .collect()
+    };
+    assert!(messages(&new) == messages(&old), "the same messages");
+    let checked = check::check(&old).unwrap();
+    assert_eq!(checked.messages["/sample"], finished.samples);
+    assert_eq!(checked.units.len(), UNITS);
+    assert!(!checked.problems.iter().any(|p| p.contains("the format")));
+
+    let copy = old.join(REPAIRED_FILE);
+    let repaired = repair(&old, &copy).unwrap();
+    assert_eq!(repaired.end, End::Complete);
+    let bytes = std::fs::read(&copy).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    assert_eq!(summary.stats.unwrap().message_count, repaired.messages);
+    let mut of_units = BTreeMap::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        if message.channel.topic.starts_with("/sample") {
+            let row: SampleRow = serde_json::from_slice(&message.data).unwrap();
+            assert_eq!(message.channel.topic, SAMPLE_TOPICS[row.unit as usize - 1]);
+            *of_units.entry(row.unit).or_insert(0) += 1;
+        }
+    }
+    assert_eq!(of_units.len(), UNITS);
+    assert_eq!(of_units.values().sum::<u64>(), finished.samples);
+    let (entries, _) = entries(&copy);
+    assert!(entries.iter().any(|entry| matches!(entry,
+        Entry::Metadata { name, pairs } if name == METADATA && pairs["format"] == FORMAT)));
+    // A copy is not written over what it is made from.
+    let error = repair(&copy, &copy).unwrap_err().to_string();
+    assert!(error.contains("another folder"), "{error}");
+    assert_eq!(std::fs::read(&copy).unwrap(), bytes);
+}
+
+#[test]
+fn a_copy_of_a_recording_that_is_cut_anywhere_is_whole_and_has_what_can_be_read() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path().join("rec");
+    run_into(&folder).complete().unwrap();
+    let bytes = std::fs::read(folder.join(MCAP_FILE)).unwrap();
+    let cut = temporary.path().join("cut.mcap");
+    let copy = temporary.path().join(REPAIRED_FILE);
+    for share in 1..10 {
+        std::fs::write(&cut, &bytes[..bytes.len() * share / 10]).unwrap();
+        let repaired = repair(&cut, &copy).unwrap();
+        assert_eq!(repaired.end, End::CutOff);
+        let (of_cut, _) = entries(&cut);
+        let (of_copy, end) = entries(&copy);
+        assert_eq!(end, End::Complete);
+        assert!(of_cut == of_copy, "{share}");
+        let copied = std::fs::read(&copy).unwrap();
+        let summary = mcap::Summary::read(&copied).unwrap().unwrap();
+        let there = of_copy.iter();
+        let there = there.filter(|entry| matches!(entry, Entry::Message { .. }));
+        let there = there.count() as u64;
+        assert_eq!(summary.stats.unwrap().message_count, there);
+        assert_eq!((repaired.messages, there > 0), (there, true));
     }
 }
 

@@ -1,9 +1,10 @@
 //! The thread that writes: turns what was received into rows, and brings a chunk to the disk twice a second.
 
 use crate::format::{CONFIGURATION_METADATA, METADATA, RIG_ATTACHMENT, TABLES};
+use crate::foxglove::{self, Arrow, Scene, TipPose, TipTransform};
 use crate::metadata::{configuration_pairs, Metadata};
 use crate::queue::{Item, Shared};
-use crate::rows::{At, ClockRow, CounterRow, CycleRow, EventRow, SampleRow, TipPose, OBSERVING};
+use crate::rows::{At, ClockRow, CounterRow, CycleRow, EventRow, SampleRow, FAULT, OBSERVING};
 use crate::sink::{Sink, Storage};
 use crate::table::{row, ColumnTable, Row, Times, Utc};
 use crate::utc::UtcClock;
@@ -59,6 +60,8 @@ pub(super) struct Writer {
     phase: &'static str,
     /// Host time of the newest of what was received, ns.
     host_ns: u64,
+    /// The newest reading of the board's clock, us.
+    board_us: u64,
     counters_due_ns: u64,
     board_counts: Option<(u64, u64, u64)>,
     dropped_before: (u64, u64),
@@ -91,7 +94,7 @@ impl Writer {
             .library(format!("forcectl {}", env!("CARGO_PKG_VERSION")))
             .create(NoSeek::new(sink))?;
         let mut topics = BTreeMap::new();
-        let mut add = |topic: &'static str, name: &str, schema: String| -> Result<(), McapError> {
+        let mut add = |topic: &'static str, name: &str, schema: &str| -> Result<(), McapError> {
             let schema = mcap.add_schema(name, "jsonschema", schema.as_bytes())?;
             let channel = mcap.add_channel(schema, topic, "json", &BTreeMap::new())?;
             topics.insert(
@@ -105,17 +108,17 @@ impl Writer {
         };
         for table in TABLES {
             let schema = table.json_schema().to_string();
-            add(table.topic, table.schema_name, schema)?;
+            for topic in table.topics {
+                add(topic, table.schema_name, &schema)?;
+            }
         }
         for table in &metadata.columns {
             let schema = table.json_schema().to_string();
-            add(table.topic, table.schema_name, schema)?;
+            add(table.topic, table.schema_name, &schema)?;
         }
-        add(
-            TipPose::TOPIC,
-            TipPose::SCHEMA_NAME,
-            TipPose::json_schema().to_string(),
-        )?;
+        for (topic, name, schema) in foxglove::topics() {
+            add(topic, name, &schema.to_string())?;
+        }
         mcap.write_metadata(&mcap::records::Metadata {
             name: METADATA.to_owned(),
             metadata: metadata.pairs(),
@@ -140,6 +143,7 @@ impl Writer {
             configuration: -1,
             phase: OBSERVING,
             host_ns: 0,
+            board_us: 0,
             counters_due_ns: 0,
             board_counts: None,
             dropped_before: (0, 0),
@@ -300,7 +304,9 @@ impl Writer {
             self.rows.0 += u64::from(self.write_row(&row));
         }
         for fault in &received.faults {
-            self.event(ERROR, "fault", &LatchedFault::from(fault).to_string());
+            let at = self.latched(fault.t_us);
+            let text = LatchedFault::from(fault).to_string();
+            self.event_at(at, ERROR, FAULT, &text);
         }
         if let Some(status) = &received.status {
             self.board_counts = Some((
@@ -316,6 +322,7 @@ impl Writer {
     }
 
     fn read_clock(&mut self, reading: &Reading) {
+        self.board_us = reading.board_us;
         let completed = self.clock.push(reading);
         if let Some(bin) = completed {
             self.estimate = self.clock.at(reading.board_us);
@@ -377,7 +384,15 @@ impl Writer {
         let estimated_95_n = (self.uncertainty.as_mut()).and_then(|known| known.radius_95_n(step));
         let row = CycleRow::new(self.now(), step, estimated_95_n);
         self.rows.1 += u64::from(self.write_row(&row));
-        self.write(TipPose::TOPIC, row.utc, &TipPose::new(row.utc, row.tip_m));
+        let (utc, tip_m) = (row.utc, row.tip_m);
+        let arrows = [
+            Arrow::commanded(row.commanded_n),
+            Arrow::measured(row.estimated_n),
+        ];
+        self.write(TipPose::TOPIC, utc, &TipPose::new(utc, tip_m));
+        let transform = TipTransform::message(utc, tip_m);
+        self.write(TipTransform::TOPIC, utc, &transform);
+        self.write(Scene::TOPIC, utc, &Scene::message(utc, tip_m, &arrows));
     }
 
     fn columns(&mut self, topic: &'static str, board_s: f64, values: &[f64]) {
@@ -391,7 +406,10 @@ impl Writer {
     }
 
     fn event(&mut self, level: i32, name: &str, message: &str) {
-        let at = self.now();
+        self.event_at(self.now(), level, name, message);
+    }
+
+    fn event_at(&mut self, at: At<'static>, level: i32, name: &str, message: &str) {
         let row = row!(EventRow, at, {
             timestamp: at.times.utc,
             level: level,
@@ -437,6 +455,16 @@ impl Writer {
         self.at(host_ns, board_us * 1e-6)
     }
 
+    /// When the board latched a fault, by its clock of 32 bits.
+    fn latched(&self, t_us: u32) -> At<'static> {
+        if self.estimate.is_none() {
+            return self.now();
+        }
+        let since_us = t_us.wrapping_sub(self.board_us as u32) as i32;
+        let board_us = self.board_us.saturating_add_signed(i64::from(since_us));
+        self.at(self.host_of(board_us), board_us as f64 * 1e-6)
+    }
+
     fn at(&self, host_ns: f64, board_s: f64) -> At<'static> {
         At {
             times: Times {
@@ -451,15 +479,15 @@ impl Writer {
 
     /// Writes a row; `false` where there is no room.
     fn write_row<R: Row>(&mut self, row: &R) -> bool {
-        self.write(R::TABLE.topic, row.times().utc, row)
+        self.write(row.topic(), row.times().utc, row)
     }
 
     fn write(&mut self, topic: &'static str, utc: Utc, message: &impl Serialize) -> bool {
         if self.full() {
-            match topic {
-                "/sample" => self.shared.drop_samples(1),
-                "/cycle" => self.shared.drop_cycles(1),
-                _ => {}
+            if SampleRow::TABLE.topics.contains(&topic) {
+                self.shared.drop_samples(1);
+            } else if topic == CycleRow::TABLE.topic {
+                self.shared.drop_cycles(1);
             }
             return false;
         }

@@ -2,9 +2,11 @@
 //!
 //! | topic | schema | what |
 //! | --- | --- | --- |
-//! | `/unit` | `force_rig.Unit` | one unit: tension, setpoint, state |
+//! | `/unit1` to `/unit6` | `force_rig.Unit` | one unit: tension, setpoint, state |
 //! | `/rig` | `force_rig.Rig` | the whole rig: state, force, tip, losses |
 //! | `/tip` | `foxglove.PoseInFrame` | the tip, for the 3D view |
+//! | `/tf` | `foxglove.FrameTransform` | the tip's frame |
+//! | `/force` | `foxglove.SceneUpdate` | the force by measured tensions, an arrow at the tip |
 //! | `/log` | `foxglove.Log` | events |
 //!
 //! The server listens on the loopback unless it is told another address: who can reach it sees everything, and commands nothing.
@@ -15,7 +17,7 @@ use foxglove::{
     ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServer,
     WebSocketServerHandle,
 };
-use recording::rows::TipPose;
+use recording::foxglove::{Arrow, Scene, TipPose, TipTransform};
 use recording::table::{Utc, Value as _};
 use serde::Serialize;
 use serde_json::{json, Value};
@@ -26,6 +28,10 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Where it listens without an address.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8765";
+
+/// A topic for each unit, because a topic is drawn as a line.
+const UNIT_TOPICS: [&str; wire::UNITS] =
+    ["/unit1", "/unit2", "/unit3", "/unit4", "/unit5", "/unit6"];
 
 /// A unit now. What is not known is left out.
 #[derive(Debug, Serialize)]
@@ -96,7 +102,7 @@ fn object(title: &str, required: &[(&str, Value)], optional: &[(&str, Value)]) -
 }
 
 /// Topics with the names of their schemas and the schemas.
-fn topics() -> [(&'static str, &'static str, Value); 4] {
+fn topics() -> Vec<(&'static str, &'static str, Value)> {
     let number = |what: &str| json!({"type": "number", "description": what});
     let integer = |what: &str| json!({"type": "integer", "description": what});
     let text = |what: &str| json!({"type": "string", "description": what});
@@ -108,21 +114,18 @@ fn topics() -> [(&'static str, &'static str, Value); 4] {
     };
     let time = || ("timestamp", Utc::schema());
     let t_s = || ("t_s", number("time of the link, s"));
-    [
-        (
-            "/unit",
-            "force_rig.Unit",
-            object(
-                "force_rig.Unit",
-                &[time(), t_s(), ("unit", integer("unit, from 1"))],
-                &[
-                    ("tension_n", number("newest cable tension, N")),
-                    ("setpoint_n", number("setpoint in force, N")),
-                    ("zeroed", flag("whether the board holds a zero of it")),
-                    ("state", text("state of the unit")),
-                ],
-            ),
-        ),
+    let unit = object(
+        "force_rig.Unit",
+        &[time(), t_s(), ("unit", integer("unit, from 1"))],
+        &[
+            ("tension_n", number("newest cable tension, N")),
+            ("setpoint_n", number("setpoint in force, N")),
+            ("zeroed", flag("whether the board holds a zero of it")),
+            ("state", text("state of the unit")),
+        ],
+    );
+    let units = UNIT_TOPICS.map(|topic| (topic, "force_rig.Unit", unit.clone()));
+    let others = [
         (
             "/rig",
             "force_rig.Rig",
@@ -161,7 +164,6 @@ fn topics() -> [(&'static str, &'static str, Value); 4] {
                 ],
             ),
         ),
-        (TipPose::TOPIC, TipPose::SCHEMA_NAME, TipPose::json_schema()),
         (
             "/log",
             "foxglove.Log",
@@ -178,7 +180,9 @@ fn topics() -> [(&'static str, &'static str, Value); 4] {
                 &[],
             ),
         ),
-    ]
+    ];
+    let drawn = recording::foxglove::topics();
+    units.into_iter().chain(others).chain(drawn).collect()
 }
 
 /// Messages of an update, by topic.
@@ -189,7 +193,7 @@ fn messages(update: &Update, timestamp: Utc) -> Vec<(&'static str, Value)> {
     };
     match update {
         Update::Telemetry(now) => {
-            for i in 0..wire::UNITS {
+            for (i, topic) in UNIT_TOPICS.into_iter().enumerate() {
                 let unit = Unit {
                     timestamp,
                     t_s: now.t_s,
@@ -199,7 +203,7 @@ fn messages(update: &Update, timestamp: Utc) -> Vec<(&'static str, Value)> {
                     zeroed: now.zeroed[i],
                     state: now.unit_state[i].as_deref(),
                 };
-                add("/unit", serde_json::to_value(unit));
+                add(topic, serde_json::to_value(unit));
             }
             add("/rig", serde_json::to_value(rig(now, timestamp)));
             if let Some(tip_m) = now.tip_m {
@@ -207,6 +211,13 @@ fn messages(update: &Update, timestamp: Utc) -> Vec<(&'static str, Value)> {
                     TipPose::TOPIC,
                     serde_json::to_value(TipPose::new(timestamp, tip_m)),
                 );
+                add(
+                    TipTransform::TOPIC,
+                    Ok(TipTransform::message(timestamp, tip_m)),
+                );
+                // Without a force the arrow before it would stay.
+                let arrow = Arrow::measured(now.force_n.unwrap_or_default());
+                add(Scene::TOPIC, Ok(Scene::message(timestamp, tip_m, &[arrow])));
             }
         }
         Update::Event(event) => add("/log", serde_json::to_value(log(event, timestamp))),
@@ -388,30 +399,62 @@ mod tests {
         assert!(default.ip().is_loopback());
     }
 
+    /// Whether a field of a topic is there in a recording or in the stream.
+    fn is_there(topic: &str, field: &str) -> bool {
+        let recorded = recording::TABLES
+            .iter()
+            .filter(|table| table.topics.contains(&topic))
+            .any(|table| table.fields.iter().any(|f| f.name == field));
+        let streamed = topics()
+            .iter()
+            .filter(|(name, _, _)| *name == topic)
+            .any(|(_, _, schema)| schema["properties"][field].is_object());
+        recorded || streamed
+    }
+
     #[test]
     fn the_layout_shows_topics_and_fields_that_there_are() {
         let layout = include_str!("../../../examples/foxglove-layout.json");
         let layout: Value = serde_json::from_str(layout).unwrap();
-        let live = topics();
         let mut shown = 0;
+        let mut drawn = 0;
         for panel in layout["configById"].as_object().unwrap().values() {
             for path in panel["paths"].as_array().into_iter().flatten() {
                 let path = path["value"].as_str().unwrap();
                 let (topic, field) = path.split_once('.').unwrap();
-                let topic = topic.split('{').next().unwrap();
                 let field = field.split('[').next().unwrap();
-                let recorded = recording::TABLES
-                    .iter()
-                    .filter(|table| table.topic == topic)
-                    .any(|table| table.fields.iter().any(|f| f.name == field));
-                let streamed = live
-                    .iter()
-                    .filter(|(name, _, _)| *name == topic)
-                    .any(|(_, _, schema)| schema["properties"][field].is_object());
-                assert!(recorded || streamed, "{path}");
+                assert!(is_there(topic, field), "{path}");
                 shown += 1;
             }
+            for topic in panel["topics"].as_object().into_iter().flatten() {
+                let of_viewer = recording::foxglove::topics();
+                assert!(of_viewer.iter().any(|(name, ..)| name == topic.0));
+                drawn += 1;
+            }
+            if let Some(frame) = panel["followTf"].as_str() {
+                assert_eq!(frame, recording::foxglove::FRAME);
+            }
         }
-        assert!(shown > 10);
+        assert!(shown > 20 && drawn == 2, "{shown} {drawn}");
+    }
+
+    #[test]
+    fn the_arrow_is_the_force_and_goes_where_there_is_none() {
+        let [known, ..] = updates();
+        let Update::Telemetry(mut now) = known else {
+            unreachable!()
+        };
+        let arrow = |now: &Telemetry| {
+            let update = Update::Telemetry(Box::new(now.clone()));
+            let found = messages(&update, Utc::from_ns(5)).into_iter();
+            let scene = found
+                .filter(|(topic, _)| *topic == Scene::TOPIC)
+                .next_back();
+            let arrow = scene.unwrap().1["entities"][0]["arrows"][0].clone();
+            arrow["shaft_length"].as_f64().unwrap() + arrow["head_length"].as_f64().unwrap()
+        };
+        assert!((arrow(&now) - 0.05).abs() < 1e-12);
+        now.force_n = None;
+        assert_eq!(arrow(&now), 0.0);
     }
 }
