@@ -1,8 +1,8 @@
 //! The ROS 1 source against Debian's own rosmaster, rostopic and rosbag: no double of ours in between.
 //!
 //! `cargo test -p robot --features ros1 --test ros1`. Where the tools are not installed the test says so and does nothing;
-//! `apt-get install python3-rostopic python3-rosbag python3-rosmaster python3-geometry-msgs python3-sensor-msgs`
-//! installs them.
+//! `apt-get install python3-rosnode python3-rostopic python3-rosbag python3-rosmaster python3-geometry-msgs python3-sensor-msgs`
+//! installs them. The test with the real client of CRTK also needs what docs/robot.md says.
 #![cfg(feature = "ros1")]
 
 use common::{ros, Process, Ros, PATIENCE};
@@ -275,6 +275,134 @@ fn a_second_rig_of_the_same_name_is_refused_and_the_first_one_goes_on() {
     };
     Ros1::open(&second).expect("another name");
     first.poll();
+}
+
+/// What rosnode prints of our node, without the lines that its other end may add.
+fn rosnode_info(ros: &Ros) -> String {
+    let output = ros
+        .command("rosnode", &["info", "/force_rig"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .output()
+        .expect("rosnode info");
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && error.is_empty(), "{error}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+#[test]
+fn rosnode_tells_the_rig_with_its_connections() {
+    let Some((ros, _core)) = ros() else { return };
+    if !std::path::Path::new("/usr/bin/rosnode").exists() {
+        println!("skipped: /usr/bin/rosnode is not installed (Debian: python3-rosnode)");
+        return;
+    }
+    let mut listener = listener(&ros);
+    let _joints = publish(&ros, "/arm/measured_js", "sensor_msgs/JointState", JOINTS);
+    let measured_cf = "/cable_rig/spatial/measured_cf";
+    let _echo = ros.start("rostopic", &["echo", measured_cf]);
+    listener.until("states", |l| l.all.states.len() > 5);
+    let limit = Instant::now() + PATIENCE;
+    let info = loop {
+        let info = rosnode_info(&ros);
+        let of_both = ["inbound", "outbound"].map(|way| info.contains(way));
+        if of_both == [true; 2] {
+            break info;
+        }
+        assert!(Instant::now() < limit, "{info}");
+    };
+    let pid = format!("Pid: {}", std::process::id());
+    let inbound = "topic: /arm/measured_js\n    * to: /rostopic";
+    let outbound = format!("topic: {measured_cf}\n    * to: /rostopic");
+    for text in [&pid, inbound, &outbound, "transport: TCPROS"] {
+        assert!(info.contains(text), "{text}\n{info}");
+    }
+    let ping = ros
+        .command("rosnode", &["ping", "-c", "1", "/force_rig"])
+        .stdout(Stdio::piped())
+        .output()
+        .expect("rosnode ping");
+    let ping = String::from_utf8_lossy(&ping.stdout).into_owned();
+    assert!(ping.contains("xmlrpc reply from"), "{ping}");
+    // Nothing of ours stays behind.
+    drop(listener);
+    let mut list = ros.command("rosnode", &["list"]);
+    let list = list.stdout(Stdio::piped()).output();
+    let list = list.expect("rosnode list").stdout;
+    let list = String::from_utf8_lossy(&list).into_owned();
+    assert!(!list.contains("/force_rig"), "{list}");
+}
+
+/// As users of CRTK write it: a class that the client fills with the device's topics, then `check_connections`.
+const CRTK_CLIENT: &str = r#"
+import sys, crtk
+
+class Device:
+    class Spatial:
+        pass
+
+    def __init__(self, ral):
+        self.utils = crtk.utils(self, ral)
+        self.utils.add_operating_state()
+        self.spatial = self.Spatial()
+        self.in_space = crtk.utils(self.spatial, ral.create_child("spatial"))
+        self.in_space.add_measured_cf()
+        self.in_space.add_servo_cf()
+
+ral = crtk.ral("client", "cable_rig")
+device = Device(ral)
+ral.check_connections(30.0)
+assert device.wait_for_operating_state("DISABLED", 30.0), device.operating_state()
+assert device.is_homed()
+device.spatial.servo_cf([0.0, 1.5, 0.0, 0.0, 0.0, 0.0])
+force, stamp = device.spatial.measured_cf(wait_timeout=30.0)
+device.state_command("pause")
+print("force", force[1], "at", stamp > 0.0)
+sys.stdout.flush()
+ral.create_rate(1.0).sleep()
+"#;
+
+#[test]
+fn the_client_of_crtk_finds_its_device() {
+    let Some((ros, _core)) = ros() else { return };
+    let Some(folder) = std::env::var_os("CRTK_TEST_PYTHONPATH") else {
+        println!("skipped: CRTK_TEST_PYTHONPATH names no folder with crtk and crtk_msgs");
+        return;
+    };
+    let mut listener = listener(&ros);
+    let script = ros.folder.path().join("client.py");
+    std::fs::write(&script, CRTK_CLIENT).expect("the script");
+    let mut client = ros.command("python3", &[script.to_str().expect("a path")]);
+    let client = client
+        .env("PYTHONPATH", folder)
+        .env("ROS_VERSION", "1")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn();
+    let mut client = Process(client.expect("python3"));
+    let limit = Instant::now() + PATIENCE;
+    while client.0.try_wait().expect("a status").is_none() {
+        listener.poll();
+        let force = force(-2.5);
+        (listener.source.publish(&force, &force)).expect("published");
+        assert!(Instant::now() < limit, "the client does not end");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let said = |stream: &mut dyn std::io::Read| {
+        let mut said = String::new();
+        stream.read_to_string(&mut said).expect("text");
+        said
+    };
+    let out = said(client.0.stdout.as_mut().expect("a pipe"));
+    let error = said(client.0.stderr.as_mut().expect("a pipe"));
+    assert!(out.contains("force 2.5 at True"), "{out}{error}");
+    listener.until("the request and the command", |l| {
+        l.all
+            .requests
+            .iter()
+            .any(|force| force.force_n == [0.0, 1.5, 0.0])
+            && l.all.commands.iter().any(|command| command == "pause")
+    });
 }
 
 #[test]

@@ -21,17 +21,24 @@ pub(super) struct Master {
 }
 
 impl Master {
-    /// Names of the nodes that publish `topic`.
+    /// Topics that are published, and topics that are subscribed, with the names of the nodes.
     ///
     /// # Errors
     /// The master can't be reached, or does not answer with its state.
-    pub fn publishers(&self, topic: &str) -> io::Result<Vec<String>> {
+    pub fn registered(&self) -> io::Result<[Vec<(String, Vec<String>)>; 2]> {
         // For publishers, subscribers, services: lists of a name and its nodes.
         let state: Vec<Vec<(String, Vec<String>)>> = self.ask("getSystemState", &[])?;
-        Ok(state
-            .into_iter()
-            .next()
-            .unwrap_or_default()
+        let mut state = state.into_iter();
+        Ok(std::array::from_fn(|_| state.next().unwrap_or_default()))
+    }
+
+    /// Names of the nodes that publish `topic`.
+    ///
+    /// # Errors
+    /// As [`Master::registered`].
+    pub fn publishers(&self, topic: &str) -> io::Result<Vec<String>> {
+        let [published, _] = self.registered()?;
+        Ok(published
             .into_iter()
             .filter(|(name, _)| name == topic)
             .flat_map(|(_, nodes)| nodes)
@@ -41,7 +48,7 @@ impl Master {
     /// Type of a topic, where somebody has told one.
     ///
     /// # Errors
-    /// As [`Master::publishers`].
+    /// As [`Master::registered`].
     pub fn type_of(&self, topic: &str) -> io::Result<Option<String>> {
         let types: Vec<(String, String)> = self.ask("getTopicTypes", &[])?;
         Ok(types
@@ -53,7 +60,7 @@ impl Master {
     /// URI of a node, where one of that name is registered.
     ///
     /// # Errors
-    /// As [`Master::publishers`].
+    /// As [`Master::registered`].
     pub fn node(&self, name: &str) -> io::Result<Option<String>> {
         let uri: String = self.ask("lookupNode", &[name])?;
         Ok(Some(uri).filter(|uri| !uri.is_empty()))
@@ -81,14 +88,17 @@ fn ask<T: DeserializeOwned>(
     let arguments = std::iter::once(&caller).chain(arguments);
     let arguments = arguments.map(|argument| (*argument).into()).collect();
     let body = serde_xmlrpc::request_to_string(method, arguments).map_err(io::Error::other)?;
-    let answer = post(uri, &body)?;
+    let answer = exchange(uri, &body, PATIENCE)?;
+    let (_, answer) = answer
+        .split_once("\r\n\r\n")
+        .ok_or_else(|| io::Error::other("the answer has no body"))?;
     let (_, _, value): (i32, String, T) =
-        serde_xmlrpc::response_from_str(&answer).map_err(io::Error::other)?;
+        serde_xmlrpc::response_from_str(answer).map_err(io::Error::other)?;
     Ok(value)
 }
 
-/// An HTTP/1.0 POST; the answer's body.
-fn post(uri: &str, body: &str) -> io::Result<String> {
+/// An HTTP/1.0 POST; the whole answer, for which it waits no longer than `patience` between two pieces.
+pub(super) fn exchange(uri: &str, body: &str, patience: Duration) -> io::Result<String> {
     let host = uri
         .trim_start_matches("http://")
         .split('/')
@@ -101,7 +111,7 @@ fn post(uri: &str, body: &str) -> io::Result<String> {
             .ok()
     });
     let mut stream = connected.ok_or(failed)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_read_timeout(Some(patience))?;
     stream.set_write_timeout(Some(PATIENCE))?;
     write!(
         stream,
@@ -110,8 +120,5 @@ fn post(uri: &str, body: &str) -> io::Result<String> {
     )?;
     let mut answer = String::new();
     stream.take(LONGEST).read_to_string(&mut answer)?;
-    answer
-        .split_once("\r\n\r\n")
-        .map(|(_, body)| body.to_owned())
-        .ok_or_else(|| io::Error::other("the answer has no body"))
+    Ok(answer)
 }

@@ -9,6 +9,7 @@
 //! The client is roslibrust on a thread of its own; [`Source::poll`] takes what has come. roslibrust joins all publishers of a
 //! topic without telling them apart, so the master is asked twice a second for their names and for the topics' types.
 
+mod front;
 mod master;
 mod messages;
 
@@ -18,6 +19,7 @@ use crate::crtk::{Header, Joints, Topic};
 use crate::ravenstate::{self, Ravenstate, Version};
 use crate::state::{Operating, OperatingState, StateError, TipForce};
 use crate::watch::Event;
+use front::Front;
 use master::Master;
 use messages as m;
 use roslibrust::ros1::{NodeHandle, Publisher};
@@ -48,6 +50,8 @@ pub struct Ros1 {
     operating: Publisher<m::OperatingState>,
     node: NodeHandle,
     runtime: Runtime,
+    // Its node unregisters through it.
+    _front: Front,
     sequence: u32,
     reported_two: bool,
     /// What was told once.
@@ -120,8 +124,10 @@ impl Ros1 {
         );
         let adapter = adapter_for(&config.adapter, &config.topics());
         let (sender, intake) = Intake::new(&adapter, Some(raven), config.mount, &config.watch);
-        let started = runtime
-            .block_on(async { tokio::time::timeout(PATIENCE, start(config, &uri, sender)).await });
+        let front = Front::open(&master).map_err(|error| there(error.to_string()))?;
+        let started = runtime.block_on(async {
+            tokio::time::timeout(PATIENCE, start(config, &front, sender)).await
+        });
         let watched = watched(config);
         let (node, ours, operating) = started
             .map_err(|_| {
@@ -149,6 +155,7 @@ impl Ros1 {
             estimated_half_width,
             node,
             runtime,
+            _front: front,
             sequence: 0,
             reported_two: false,
             told: BTreeSet::new(),
@@ -269,10 +276,12 @@ type Started = (
 );
 
 /// Node, subscriptions and publishers.
-async fn start(config: &Ros1Config, master: &str, to: Outlet) -> Result<Started, String> {
-    let node = NodeHandle::new(master, &config.node)
+async fn start(config: &Ros1Config, front: &Front, to: Outlet) -> Result<Started, String> {
+    let node = NodeHandle::new(&front.master_uri, &config.node)
         .await
         .map_err(|error| error.to_string())?;
+    let own = node.get_client_uri().await;
+    front.stands_for(&own.map_err(|error| error.to_string())?);
     if let Some(topic) = &config.ravenstate {
         subscribe::<m::RavenState>(&node, topic, &to, |message| {
             Incoming::Raven(Box::new(raven(&message)))
