@@ -325,6 +325,26 @@ fn a_port_that_is_missing_is_named_and_faults_are_listed() {
     assert!(said.out.contains("unplug=UNIT"), "{said:?}");
 }
 
+#[cfg(unix)]
+#[test]
+fn a_second_rig_is_advised_to_take_another_name() {
+    let folder = folder();
+    let run = folder.path().join("run");
+    std::fs::create_dir(&run).expect("a folder");
+    // What a service of that name holds while it runs.
+    let lock = std::fs::File::create(run.join("rig.lock")).expect("a file");
+    lock.lock().expect("the lock");
+    let second = forcectl_in(folder.path(), &["rig"]);
+    assert_eq!(second.code, Some(4), "{second:?}");
+    assert!(
+        second.err.contains("rig `rig` has a service already") && second.err.contains("--name"),
+        "{second:?}"
+    );
+    // Under another name it is the emulator that is missing here.
+    let other = forcectl_in(folder.path(), &["rig", "--name", "other"]);
+    assert!(other.err.contains("FORCE_RIG_BIN"), "{other:?}");
+}
+
 #[test]
 fn without_the_rigs_variables_it_says_how_to_run() {
     let said = forcectl(&["set-force", "0", "-2.5", "0"]);

@@ -20,7 +20,7 @@ pub struct Inject {
 fn fault(text: &str) -> std::result::Result<String, String> {
     match text {
         "help" => Ok(text.to_owned()),
-        _ => session::inject::parse(&format!("{text}@start")).map(|_| text.to_owned()),
+        _ => session::inject::parse_now(text).map(|_| text.to_owned()),
     }
 }
 

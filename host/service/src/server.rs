@@ -50,7 +50,7 @@ pub struct Addresses {
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// Another one serves this rig.
-    #[error("rig `{0}` has a service already; `forcectl status` shows it, `forcectl serve --end` ends it")]
+    #[error("rig `{0}` has a service already; `forcectl status` shows it, `forcectl serve --end` ends it, `--name NAME` starts another one beside it")]
     Running(String),
     /// Socket, terminal or address.
     #[error("{what} can't be used: {cause}")]

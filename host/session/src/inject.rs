@@ -40,6 +40,23 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
             .filter(|t| t.is_finite())
             .ok_or_else(|| wrong("the time is not a number of seconds"))?,
     };
+    Ok((at_s, read(what, &wrong)?))
+}
+
+/// Reads one injection that happens now.
+///
+/// # Errors
+/// As [`parse`]; also where there is a time.
+pub fn parse_now(text: &str) -> Result<Injection, String> {
+    let wrong = |what: &str| format!("`{text}`: {what}; known are {WORDS}");
+    if text.contains('@') {
+        return Err(wrong("the fault is caused now, without a time"));
+    }
+    read(text, &wrong)
+}
+
+/// Reads an injection without its time.
+fn read(what: &str, wrong: &dyn Fn(&str) -> String) -> Result<Injection, String> {
     let (name, argument) = match what.split_once('=') {
         Some((name, argument)) => (name, Some(argument)),
         None => (what, None),
@@ -125,7 +142,7 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
     if name != "estop" && values(what) > taken {
         return Err(wrong("it has a value too many"));
     }
-    Ok((at_s, injection))
+    Ok(injection)
 }
 
 /// The words of an injection, without a time; `None` where it has none.
@@ -269,6 +286,18 @@ mod tests {
         ] {
             assert!(parse(bad).unwrap_err().contains("known are"), "{bad}");
         }
+    }
+
+    #[test]
+    fn a_fault_that_happens_now_has_no_time_and_its_errors_name_none() {
+        assert_eq!(parse_now("estop=close"), Ok(Injection::EStop(false)));
+        for bad in ["unplug=3@2s", "unplug=3@start", "estop=shut", "explode", ""] {
+            let error = parse_now(bad).unwrap_err();
+            assert!(error.contains(&format!("`{bad}`: ")), "{error}");
+            assert!(!error.contains("@TIME"), "{error}");
+        }
+        let error = parse_now("unplug=3@2s").unwrap_err();
+        assert!(error.contains("without a time"), "{error}");
     }
 
     #[test]

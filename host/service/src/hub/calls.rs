@@ -258,8 +258,8 @@ impl Hub {
         match call {
             Call::Robot { moving } => controls.robot(moving).map_err(refused)?,
             Call::Inject { what } => {
-                let (_, injection) = session::inject::parse(&format!("{what}@start"))
-                    .map_err(|error| (code::INVALID, error))?;
+                let injection =
+                    session::inject::parse_now(&what).map_err(|error| (code::INVALID, error))?;
                 controls.inject(injection).map_err(refused)?;
             }
             Call::Report => {

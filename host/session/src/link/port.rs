@@ -280,4 +280,23 @@ mod tests {
             "{error}"
         );
     }
+
+    #[test]
+    fn the_rules_for_udev_are_for_the_ports_that_are_looked_for() {
+        let rules = include_str!("../../../../docs/udev/70-force-rig.rules");
+        let (vendor, product) = USB_ID;
+        let board = format!(
+            "SUBSYSTEM==\"tty\", ATTRS{{idVendor}}==\"{vendor:04x}\", ATTRS{{idProduct}}==\"{product:04x}\", MODE=\"0660\""
+        );
+        assert!(rules.contains(&board), "{board}");
+        // All of them, and no other.
+        let as_text: Vec<String> = ST_LINK.1.map(|id| format!("{id:04x}")).collect();
+        assert_eq!(as_text.len(), 32);
+        assert!((as_text.iter()).all(|id| id.starts_with("374") || id.starts_with("375")));
+        let probe = format!(
+            "SUBSYSTEM==\"tty\", ATTRS{{idVendor}}==\"{:04x}\", ATTRS{{idProduct}}==\"37[45]?\"",
+            ST_LINK.0
+        );
+        assert!(rules.contains(&probe), "{probe}");
+    }
 }
