@@ -116,6 +116,27 @@ impl Table {
         self
     }
 
+    /// The table with one more column that is a time by its type, in seconds: the model file gives it no
+    /// `scale`. `what` is the type in words, as "a timestamp". Missing values are NaN.
+    #[must_use]
+    pub fn with_time(
+        mut self,
+        name: impl Into<String>,
+        values_s: Vec<f64>,
+        what: &'static str,
+    ) -> Table {
+        let name = name.into();
+        self.times.push((name.clone(), what));
+        self.with(name, values_s)
+    }
+
+    /// The table with a column of text, which no analysis reads; errors quote its first cell.
+    #[must_use]
+    pub fn with_text(mut self, name: impl Into<String>, cell: impl Into<String>) -> Table {
+        self.text.push((name.into(), cell.into(), 1));
+        self
+    }
+
     /// The same table with another source.
     fn of(mut self, path: &Path) -> Table {
         self.source = path.to_path_buf();
@@ -378,10 +399,23 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
 /// Loads logs to check models on: as [`load`], but one group is enough, as nothing is fitted to
 /// them.
 pub fn load_to_check(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
+    load(paths, &of_one_group(spec))
+}
+
+/// As [`load_to_check`], for columns in memory.
+///
+/// # Errors
+/// As [`load`], for what is in the tables.
+pub fn from_tables_to_check(tables: Vec<Table>, spec: &Spec) -> Result<Data, Error> {
+    from_tables(tables, &of_one_group(spec))
+}
+
+/// The model file with groups in any log.
+fn of_one_group(spec: &Spec) -> Spec {
     let mut spec = spec.clone();
     // Blocks of any length make groups of any log.
     spec.holdout.block_s.get_or_insert(f64::MIN_POSITIVE);
-    load(paths, &spec)
+    spec
 }
 
 /// Loads logs whose columns are in memory already.

@@ -1,6 +1,7 @@
 //! Logs as a user has them, read as far as to the data; what an analysis makes of them is tested
 //! elsewhere.
 
+mod memory;
 mod values;
 
 use super::*;
