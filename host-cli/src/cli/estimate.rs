@@ -166,7 +166,7 @@ impl Recalibrate {
         // Free motion needs no measured force. One that is there tells whether it was free.
         let mut data = load::load(&self.log, &mapping, rate_hz, Label::WhereThere)?;
         self.check_free(&data)?;
-        check_robot(&estimator, &data.robot, self.any_robot)?;
+        load::check_robot(&estimator, &data.robot, self.any_robot)?;
         data.fit_inputs(&estimator).map_err(Failure::usage)?;
         let free: Vec<&Sequence> = data.sequences.iter().collect();
         let found = estimator.recalibrate(&free).map_err(Failure::usage)?;
@@ -356,7 +356,7 @@ impl DataArgs {
 impl Train {
     fn run(&self, context: &Context) -> Result<Reply> {
         let data = self.read.load(&self.data)?;
-        let (training, test) = split(&data, &self.test)?;
+        let (training, test) = data.split(&self.test)?;
         let rows: Vec<&Sequence> = data.of(&training);
         // Now, and not after the minutes of a training that would be lost.
         evaluate::testable(&data.of(&test)).map_err(Failure::usage)?;
@@ -427,36 +427,6 @@ impl Train {
     }
 }
 
-/// Trials for training and for testing.
-fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
-    let all = data.trials();
-    if let Some(wrong) = test.iter().find(|t| !all.contains(t)) {
-        return Err(Failure::usage(format!(
-            "--test {wrong}: {} has the trials {all:?}",
-            data.name
-        )));
-    }
-    let test: Vec<usize> = if test.is_empty() {
-        let count = (all.len() * 2).div_ceil(9).min(all.len() - 1);
-        all[all.len() - count..].to_vec()
-    } else {
-        test.to_vec()
-    };
-    if test.is_empty() {
-        return Err(Failure::usage(format!(
-            "{}: there is one trial ({all:?}), and none is left for testing; the split is between trials, never within one. Give more trials, or write `trial = \"\"` in a mapping file (--mapping) where each file is a trial",
-            data.name
-        )));
-    }
-    let training: Vec<usize> = all.into_iter().filter(|t| !test.contains(t)).collect();
-    if training.is_empty() {
-        return Err(Failure::usage(
-            "no trial is left for training; the split is between trials, never within one",
-        ));
-    }
-    Ok((training, test))
-}
-
 impl Eval {
     fn run(&self, _context: &Context) -> Result<Reply> {
         let estimator = model(&self.model)?;
@@ -466,7 +436,7 @@ impl Eval {
             1.0 / estimator.step_s,
             Label::Needed,
         )?;
-        check_robot(&estimator, &data.robot, self.any_robot)?;
+        load::check_robot(&estimator, &data.robot, self.any_robot)?;
         data.fit_inputs(&estimator).map_err(Failure::usage)?;
         let trials = if self.trials.is_empty() {
             self.unseen(&data)?
@@ -623,17 +593,6 @@ fn stream_lines(s: &Streamed) -> String {
         );
     }
     text
-}
-
-/// Refuses a model of another robot.
-fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<()> {
-    if any || estimator.robot == robot {
-        return Ok(());
-    }
-    Err(Failure::usage(format!(
-        "the model was trained on the robot `{}`, these data are of `{robot}`: friction differs from robot to robot. Train on this robot, or see the error with --any-robot",
-        estimator.robot
-    )))
 }
 
 /// Told where nothing names the robot of the training.

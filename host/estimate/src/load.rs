@@ -319,6 +319,20 @@ fn sampling_of(card: &serde_json::Value) -> Option<Sampling> {
     })
 }
 
+/// Refuses a model of another robot, unless `any` may be.
+///
+/// # Errors
+/// The model was trained on a robot of another name.
+pub fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<(), LoadError> {
+    if any || estimator.robot == robot {
+        return Ok(());
+    }
+    Err(LoadError(format!(
+        "the model was trained on the robot `{}`, these data are of `{robot}`: friction differs from robot to robot. Train on this robot, or see the error with --any-robot",
+        estimator.robot
+    )))
+}
+
 impl Data {
     /// Numbers of the trials, in order.
     #[must_use]
@@ -336,6 +350,40 @@ impl Data {
         base_of(Path::new(&self.name), &self.tips, |trial| {
             trials.contains(&trial)
         })
+    }
+
+    /// Trials for training and for testing: those of `test`, or the last two of nine, as in the thesis.
+    ///
+    /// # Errors
+    /// There is no such trial, or none is left for training or for testing.
+    pub fn split(&self, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>), LoadError> {
+        let all = self.trials();
+        if let Some(wrong) = test.iter().find(|t| !all.contains(t)) {
+            return Err(LoadError(format!(
+                "--test {wrong}: {} has the trials {all:?}",
+                self.name
+            )));
+        }
+        let test: Vec<usize> = if test.is_empty() {
+            let count = (all.len() * 2).div_ceil(9).min(all.len().saturating_sub(1));
+            all[all.len() - count..].to_vec()
+        } else {
+            test.to_vec()
+        };
+        if test.is_empty() {
+            return Err(LoadError(format!(
+                "{}: there is one trial ({all:?}), and none is left for testing; the split is between trials, never within one. Give more trials, or write `trial = \"\"` in a mapping file (--mapping) where each file is a trial",
+                self.name
+            )));
+        }
+        let training: Vec<usize> = all.into_iter().filter(|t| !test.contains(t)).collect();
+        if training.is_empty() {
+            return Err(LoadError(
+                "no trial is left for training; the split is between trials, never within one"
+                    .to_owned(),
+            ));
+        }
+        Ok((training, test))
     }
 
     /// Brings the inputs to those of a model.

@@ -1,6 +1,6 @@
 //! `forcectl estimate run`: a force for each row, as the rows come.
 
-use super::{check_robot, mapping, model};
+use super::{mapping, model};
 use crate::cli::exit::{self, Failure, Reply, Result};
 use crate::cli::Context;
 use clap::Args;
@@ -221,7 +221,7 @@ impl Live {
                 }
             ));
         } else {
-            check_robot(estimator, &data.robot, self.any_robot)?;
+            load::check_robot(estimator, &data.robot, self.any_robot)?;
         }
         data.fit_inputs(estimator).map_err(Failure::usage)?;
         let mut run = Run::new(estimator, context, self);
@@ -343,7 +343,7 @@ impl Live {
             ));
         }
         match name {
-            Some(name) => check_robot(estimator, name, false),
+            Some(name) => Ok(load::check_robot(estimator, name, false)?),
             None => Err(Failure::usage(format!(
                 "{}: [robot] has no `name`, and an address does not tell which robot publishes there. The model is of the robot `{}`: if this is it, write name = {:?}, else train a model of it. --any-robot takes the model as it is",
                 file.display(), estimator.robot, estimator.robot

@@ -1,6 +1,6 @@
 //! `forcectl estimate report`: all models side by side.
 
-use super::{check_robot, model, split, DataArgs};
+use super::{model, DataArgs};
 use crate::cli::exit::{self, Failure, Reply, Result};
 use crate::cli::Context;
 use clap::Args;
@@ -68,7 +68,7 @@ impl Report {
             .as_ref()
             .map(|dir| self.read.load(dir))
             .transpose()?;
-        let (training, test) = split(&data, &[])?;
+        let (training, test) = data.split(&[])?;
         let mut trained = Vec::new();
         for path in &self.with {
             trained.push(beside(path, &data, &training)?);
@@ -120,7 +120,7 @@ impl Report {
 /// compare models that know different trials.
 fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f64)> {
     let estimator = model(path)?;
-    check_robot(&estimator, &data.robot, false)?;
+    load::check_robot(&estimator, &data.robot, false)?;
     let card = ModelCard::read(path)?;
     let differences = differences(&estimator, &card, data, training)?;
     if !differences.is_empty() {
