@@ -2,7 +2,7 @@
 
 use super::picture::Map;
 use super::{CalibrateError, Result};
-use calibration::workspace::{map, place, Mount, Objective, Placement, PoseReport};
+use calibration::workspace::{map, place, Mount, Objective, Placement, PoseReport, WorkspaceError};
 use nalgebra::Vector3;
 use rig::Rig;
 
@@ -45,9 +45,8 @@ pub struct Feasible {
 /// # Errors
 /// The cables can't be: in a plane, a tip in an exit point.
 pub fn report(rig: &Rig, options: &Options) -> Result<Feasible> {
-    let (exits, bounds) = cables(rig);
     let poses = map::ball_grid(&rig.workspace.center_m, options.radius_m, options.across);
-    let found = map::map(&exits, &bounds, &poses).map_err(CalibrateError::refused)?;
+    let found = at(rig, &poses).map_err(CalibrateError::refused)?;
     let least =
         |of: &dyn Fn(&PoseReport) -> f64| found.iter().map(of).fold(f64::INFINITY, f64::min);
     Ok(Feasible {
@@ -56,6 +55,18 @@ pub fn report(rig: &Rig, options: &Options) -> Result<Feasible> {
         mean_n: found.iter().map(|r| r.radius_n).sum::<f64>() / found.len() as f64,
         along_n: std::array::from_fn(|k| least(&|r| r.along_n[k].unwrap_or(f64::NEG_INFINITY))),
     })
+}
+
+/// Feasible forces at these tips, m, robot base frame.
+///
+/// # Errors
+/// The cables can't be: in a plane, a tip in an exit point. Or there is no tip.
+pub fn at(
+    rig: &Rig,
+    tips: &[Vector3<f64>],
+) -> std::result::Result<Vec<PoseReport>, WorkspaceError> {
+    let (exits, bounds) = cables(rig);
+    map::map(&exits, &bounds, tips)
 }
 
 /// Maps of the force that is feasible in every direction, over the three planes through the centre.
