@@ -372,6 +372,7 @@ mod tests {
             ("normal,build", light.unwrap()),
             ("normal,build,dev", &EMULATED),
             ("normal,build", &["--package=xtask"]),
+            ("normal,build", &["--package=forcerig", "--features=shared"]),
         ] {
             let others: Vec<_> = (compiled(edges, selection).difference(&all).cloned()).collect();
             assert!(others.is_empty(), "{selection:?}: {others:#?}");

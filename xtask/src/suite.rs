@@ -12,7 +12,7 @@ use crate::report::{elapsed, say, Failure, Result};
 use crate::tally::{is_news, Tally};
 use crate::toolchain::{setup, Arm, TARGET};
 use crate::workspace::Workspace;
-use crate::{firmware, inspect, links, optional, renode, rig, rust_version};
+use crate::{firmware, inspect, links, optional, python, renode, rig, rust_version};
 
 /// How a step ended when it didn't fail.
 enum Outcome {
@@ -32,7 +32,7 @@ struct Step {
 }
 
 /// Cheap checks first; what later steps need before them.
-const STEPS: [Step; 17] = [
+const STEPS: [Step; 18] = [
     Step {
         name: "lock",
         title: "Cargo.lock fits the manifests",
@@ -102,6 +102,11 @@ const STEPS: [Step; 17] = [
         name: "ros2",
         title: "robot on ROS 2: another DDS (skips itself without it)",
         run: ros2,
+    },
+    Step {
+        name: "python",
+        title: "Python package: installed by pip, its tests, its notebooks",
+        run: python,
     },
     Step {
         name: "clippy",
@@ -246,7 +251,7 @@ impl Suite<'_> {
         built
     }
 
-    /// Runs a `cargo test`, counts its results, shows what is news and keeps everything in a log.
+    /// Runs a `cargo test` or pytest, counts its results, shows what is news and keeps everything in a log.
     fn tests(&mut self, command: &mut Command) -> Result<Outcome> {
         let folder = self.workspace.notes();
         let path = folder.join(format!("{}.log", self.current));
@@ -454,6 +459,22 @@ fn ros2(suite: &mut Suite) -> Result<Outcome> {
     }
     let mut command = rig::cargo_for(suite.workspace, "test");
     command.args(["--package", "robot", "--features", "ros2", "--test", "ros2"]);
+    suite.tests(&mut command)
+}
+
+fn python(suite: &mut Suite) -> Result<Outcome> {
+    let workspace = suite.workspace;
+    // They compare with the command, and one of them holds a force of the emulated rig.
+    suite.image()?;
+    rig::build(workspace, &["rig", "forcectl"])?;
+    let python = match python::environment(workspace)? {
+        python::Environment::Ready(python) => python,
+        python::Environment::Missing(what) => return Ok(Outcome::Skipped(what)),
+    };
+    let mut command = python::tests(workspace, &python);
+    command
+        .env(rig::ELF_VARIABLE, workspace.firmware_elf())
+        .env(rig::RIG_VARIABLE, workspace.program("rig"));
     suite.tests(&mut command)
 }
 

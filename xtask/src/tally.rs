@@ -1,4 +1,4 @@
-//! Counts test results in what `cargo test` prints.
+//! Counts test results in what `cargo test` and pytest print.
 
 use std::fmt;
 use std::ops::AddAssign;
@@ -15,9 +15,33 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Reads libtest's closing line, such as
+    /// Reads the closing line of a run: pytest's, or libtest's, such as
     /// `test result: ok. 3 passed; 0 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.00s`.
     pub fn from_line(line: &str) -> Option<Self> {
+        Self::from_libtest(line).or_else(|| Self::from_pytest(line))
+    }
+
+    /// Reads pytest's closing line, such as `==== 2 failed, 31 passed, 1 skipped, 1 error in 4.56s ====`.
+    fn from_pytest(line: &str) -> Option<Self> {
+        let line = line.trim().strip_prefix("==")?.trim_matches(['=', ' ']);
+        let (counts, time) = line.rsplit_once(" in ")?;
+        time.split('s').next()?.parse::<f64>().ok()?;
+        let mut tally = Self::default();
+        for count in counts.split(", ") {
+            let (number, kind) = count.split_once(' ')?;
+            let number: u64 = number.parse().ok()?;
+            match kind {
+                "passed" => tally.passed += number,
+                "failed" | "error" | "errors" => tally.failed += number,
+                "skipped" => tally.ignored += number,
+                _ => {}
+            }
+        }
+        Some(tally)
+    }
+
+    /// Reads libtest's.
+    fn from_libtest(line: &str) -> Option<Self> {
         let counts = line.trim().strip_prefix("test result: ")?;
         let (_verdict, counts) = counts.split_once(". ")?;
         let mut tally = Self::default();
@@ -88,6 +112,29 @@ mod tests {
                 ignored: 0
             })
         );
+    }
+
+    #[test]
+    fn closing_lines_of_pytest_are_read() {
+        let tally = |passed, failed, ignored| {
+            Some(Tally {
+                passed,
+                failed,
+                ignored,
+            })
+        };
+        for (line, expected) in [
+            ("====== 31 passed in 0.12s ======", tally(31, 0, 0)),
+            (
+                "=== 2 failed, 31 passed, 1 skipped, 3 warnings, 4 errors in 75.30s (0:01:15) ===",
+                tally(31, 6, 1),
+            ),
+            ("== 1 error in 0.10s ==", tally(0, 1, 0)),
+            ("============ short test summary info ============", None),
+            ("===== test session starts =====", None),
+        ] {
+            assert_eq!(Tally::from_line(line), expected, "{line}");
+        }
     }
 
     #[test]

@@ -22,7 +22,7 @@ fn broken() -> tempfile::TempDir {
     let root = folder.path();
     for name in [
         ".cargo/config.toml",
-        "examples/python/.cargo/config.toml",
+        "python/.cargo/config.toml",
         "xtask/launcher/Cargo.toml",
         "xtask/launcher/Cargo.lock",
         "xtask/launcher/main.rs",
@@ -58,7 +58,7 @@ fn a_stop_runs_the_program_that_there_is_whatever_does_not_compile() {
     let checkout = broken();
     let root = checkout.path();
     let rig = root.join("target/debug/rig");
-    for folder in [root.to_owned(), root.join("examples/python")] {
+    for folder in [root.to_owned(), root.join("python")] {
         for line in ["stop", "--json stop --link usb", "monitor --link usb"] {
             let output = forcectl(&folder, line);
             let err = String::from_utf8_lossy(&output.stderr);

@@ -285,12 +285,12 @@ fn the_python_client_holds_a_force_and_reads_the_tensions() {
         return;
     }
     let lab = Lab::with_rig(35);
-    let client = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/python");
+    let client = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../python");
     let script = "\
 import sys
 sys.path.insert(0, sys.argv[1])
-from forcerig import Rig, RigError
-rig = Rig(client='a test')
+from forcerig import RigError, connect
+rig = connect(client='a test')
 rig.subscribe(telemetry=True)
 rig.start('set_force', force_n=[0, 2.5, 0], duration_s=3)
 largest = max(line['tension_n'][2] or 0 for line in rig.telemetry())

@@ -1,15 +1,15 @@
 """Holds a force at the tip and plots the six tensions live.   python3 live_tension.py [FX FY FZ [SECONDS]]
 
-Needs matplotlib. `forcectl rig` (or a board's service) runs in another terminal.
+Needs the package forcerig (docs/python.md) and matplotlib. `forcectl rig` (or a board's service) runs in another terminal.
 """
 
 import sys
 
+import forcerig
 import matplotlib.pyplot as plt
-from forcerig import Rig
 
 values = [float(word) for word in sys.argv[1:]] or [0, 2.5, 0]
-rig = Rig(client="live_tension.py")
+rig = forcerig.connect(client="live_tension.py")
 rig.subscribe(telemetry=True)
 rig.start("set_force", force_n=values[:3], duration_s=values[3] if len(values) > 3 else 5)
 times, tensions = [], []
