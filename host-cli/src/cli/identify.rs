@@ -194,7 +194,7 @@ impl Identify {
         }
         match recording {
             Err(error) if self.clear_implausible && identify::is_implausible(&error) => {
-                identify::clear_faults(link.as_mut())?;
+                identify::clear_faults(link.as_mut(), &mut watch)?;
                 Ok(Err(error))
             }
             recording => Ok(Ok(recording?)),

@@ -4,11 +4,20 @@ use super::{Figures, Findings, Gain, Pair, FEWEST_PAIRS};
 use rig::Rig;
 use run::{Ended, Fault, Observer, Options, Outcome, RunError, RunFault, Stopped};
 use session::link::RigLink;
-use session::Session;
+use session::{LatchedFault, Patience, Session, SessionError, PERIOD};
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
+use wire::message::{CommandError, Status, UnitStatus};
 use wire::Command;
+
+/// Time after a session in which cables come to rest and the board's watch over 0 V (75 ms) is over.
+const REST: Duration = Duration::from_secs(1);
+/// Time in which a robot that moves lets a tight cable go: half of the embedded robot's slowest period.
+const CLEAR_TIMEOUT: Duration = Duration::from_secs(10);
+/// Bits 23 to 0 of the detail of a fault 15 whose unit has no tension that is believed.
+const TENSION_UNKNOWN: u32 = 0xFF_FFFF;
 
 /// A session in which a force was held.
 #[derive(Debug)]
@@ -56,7 +65,7 @@ pub fn hold(
                 (Some(units), Some(outcome)) if clear => {
                     let why = format!("fault 45 (tension implausible) of {units} ended a session");
                     observer.notice(&format!("{why}; it is cleared"));
-                    clear_faults(link)?;
+                    clear_faults(link, observer)?;
                     Ok(Held::Implausible(*outcome, why))
                 }
                 (Some(_), _) => Err(HoldError::Implausible(error)),
@@ -71,13 +80,65 @@ pub fn hold(
     Ok(Held::Whole(outcome, figures))
 }
 
-/// Clears the board's faults after a session that a fault 45 ended.
+/// Clears the board's faults after a session that a fault 45 ended, once the cables have come to rest.
+///
+/// A unit with fault 45 has a load cell that is not believed. Where its reel does not pay out (the robot came towards it, and the
+/// cable went slack by that), nothing shows that 0 V had an effect, and the board latches fault 15 as well. That fault is cleared
+/// with it: before the next arming the board tries the amplifiers' power out, and an output that is stuck latches it again. A
+/// fault 15 of another unit, or one that a tension shows, is not cleared.
 ///
 /// # Errors
-/// The board refuses: the cause of a fault is still there.
-pub fn clear_faults(link: &mut dyn RigLink) -> Result<(), RunError> {
-    Session::connect(link)?.command(&Command::ClearFaults)?;
-    Ok(())
+/// Another fault is latched, or the board refuses: the cause of a fault is still there.
+pub fn clear_faults(link: &mut dyn RigLink, observer: &mut dyn Observer) -> Result<(), RunError> {
+    let mut session = Session::connect(link)?;
+    session.exchange(REST)?;
+    let status = session.get_status()?;
+    if let Some(fault) = other_fault(&status) {
+        return Err(Fault::Latched(fault).into());
+    }
+    if status.fault != 0 {
+        observer.notice(
+            "fault 15 (0 V has no effect) came behind it: with its load cell in doubt the unit's reel did not show that the cable \
+             let go; it is cleared too, and the board tries the power out before it arms",
+        );
+    }
+    let mut patience = Patience::new(CLEAR_TIMEOUT, session.now_ns());
+    loop {
+        match session.command(&Command::ClearFaults) {
+            // A cable that the robot holds above 1.7 N at 0 V is refused until the robot lets it go.
+            Err(SessionError::Refused { refusal, .. })
+                if refusal == CommandError::Faulted(control::Fault::OutputStuck.code())
+                    && !patience.is_over(session.now_ns(), session.status().map(|s| s.t_us)) =>
+            {
+                session.exchange(PERIOD)?;
+            }
+            answer => return answer.map(|_| ()).map_err(RunError::from),
+        }
+    }
+}
+
+/// The first latched fault that is neither a unit's fault 45 nor, of such a unit, a fault 15 without a tension.
+pub(super) fn other_fault(status: &Status) -> Option<LatchedFault> {
+    let doubted = |unit: &UnitStatus| unit.fault == control::Fault::Implausible.code();
+    let unseen = |detail: u32| {
+        let unit = (detail >> 24).checked_sub(1).map(|n| n as usize);
+        let unit = unit.and_then(|n| status.units.get(n));
+        unit.is_some_and(doubted) && detail & TENSION_UNKNOWN == TENSION_UNKNOWN
+    };
+    let board = LatchedFault::of_board(status);
+    if status.fault != 0
+        && !(status.fault == control::Fault::OutputStuck.code() && unseen(status.fault_detail))
+    {
+        return Some(board);
+    }
+    let (n, unit) = (1..)
+        .zip(&status.units)
+        .find(|(_, unit)| unit.fault != 0 && !doubted(unit))?;
+    Some(LatchedFault {
+        unit: Some(n),
+        code: unit.fault,
+        detail: unit.fault_detail,
+    })
 }
 
 /// Whether an error is a fault 45, tension implausible.
@@ -86,14 +147,21 @@ pub fn is_implausible(error: &RunError) -> bool {
     matches!(error, RunError::Fault(Fault::Latched(fault)) if fault.code == control::Fault::Implausible.code())
 }
 
-/// The units in words, where all faults of a session are fault 45 of units.
+/// The units in words, where all faults of a session are fault 45 of units. A fault 15 behind it is [`clear_faults`]' to judge.
 fn implausible(faults: &[RunFault]) -> Option<String> {
+    let behind = |fault: &&RunFault| {
+        fault.unit.is_none() && fault.code == control::Fault::OutputStuck.code()
+    };
     let unit = |fault: &RunFault| {
         fault
             .unit
             .filter(|_| fault.code == control::Fault::Implausible.code())
     };
-    let mut units: Vec<u8> = faults.iter().map(unit).collect::<Option<_>>()?;
+    let mut units: Vec<u8> = faults
+        .iter()
+        .filter(|fault| !behind(fault))
+        .map(unit)
+        .collect::<Option<_>>()?;
     units.sort_unstable();
     units.dedup();
     let names: Vec<String> = units.iter().map(u8::to_string).collect();
