@@ -5,7 +5,7 @@
 //! Prints RMS over all cables, the worst cable's RMS and the largest error, in N. Keys: `kp`, `ki`, `kd`,
 //! `damping` (N, s, m), `ff` (0 or 1), `reversal` (um), `corner` (Hz) or `average` (samples), `slew` (N/s);
 //! `coulomb` (N), `gain`, `viscous` (N s/m), `ripple` (N, motor's order 1); of the plant `ea` (cable, N), `breakaway`
-//! (ratio), `presliding` (um), and what it does beyond the model: `more_coulomb` (N), `more_viscous` (N s/m),
+//! (ratio), `presliding` (um), `level` (friction, factor), and what it does beyond the model: `more_coulomb` (N), `more_viscous` (N s/m),
 //! `more_ripple` (N), `more_gain` (part), `delay` (ms); `seconds`, `seeds`.
 
 #[path = "../tests/common/rig.rs"]
@@ -78,6 +78,10 @@ fn main() -> ExitCode {
             })),
             "ea" => plant.cable.axial_stiffness_n = value,
             "breakaway" => plant.friction.breakaway_ratio = value,
+            "level" => {
+                plant.friction.coulomb_n *= value;
+                plant.friction.per_load *= value;
+            }
             "presliding" => plant.friction.presliding_m = value * 1e-6,
             "seconds" => seconds = value,
             "seeds" => seeds = value as u64,

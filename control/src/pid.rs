@@ -143,6 +143,12 @@ impl Pid {
         Newton::from_wide(self.integral >> (INTEGRAL_SHIFT - Newton::FRAC_BITS))
     }
 
+    /// Takes a part off the integral that another term takes over.
+    pub fn give_up(&mut self, part: Newton) {
+        let part = i64::from(part.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
+        self.integral = self.integral.saturating_sub(part);
+    }
+
     /// Sets the integral so that the command goes on without a jump.
     pub fn set_integral(&mut self, config: &Config, value: Newton) {
         let value = value.clamp_abs(config.force_limit);

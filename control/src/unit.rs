@@ -13,7 +13,9 @@ use crate::config::Config;
 use crate::convert;
 use crate::faults::Fault;
 use crate::filter::{Filter, SpikeGate};
-use crate::friction::{travel, Direction, DirectionEstimator, ReelSpeed, Stillness};
+use crate::friction::{
+    travel, Direction, DirectionEstimator, Feedforward, Level, ReelSpeed, Stillness,
+};
 use crate::limits::Ramp;
 use crate::pid::{periods_shift, Measured, Pid, Terms};
 use crate::units::{AdcCode, DacCode, EncoderCounts, InvCos, Micros, Newton};
@@ -181,6 +183,7 @@ pub struct State {
     tension: Newton,
     estimator: DirectionEstimator,
     reel_speed: ReelSpeed,
+    level: Level,
     pid: Pid,
     /// Setpoint after its slew limit.
     setpoint: Ramp,
@@ -214,6 +217,25 @@ impl State {
     /// without a jump.
     pub fn config_changed(&mut self) {
         self.rebase = true;
+        self.level = Level::default();
+    }
+
+    /// Moves what the integral shows of the friction's level to the feedforward; `excess`: what the limits cut off the command.
+    fn learn(&mut self, half: Newton, excess: Newton) {
+        let slides = self.estimator.slides();
+        match slides.filter(|_| excess == Newton::ZERO) {
+            None => self.level.pause(),
+            Some(inwards) => {
+                let moved = self.level.slid(inwards, self.pid.integral(), half);
+                self.pid.give_up(moved);
+            }
+        }
+    }
+
+    /// How the friction differs from the model's, as [`Level`] has found it.
+    #[must_use]
+    pub const fn level(&self) -> &Level {
+        &self.level
     }
 
     /// Filtered cable tension of the last sample.
@@ -359,11 +381,15 @@ impl Controller {
                     travel_nm: state.estimator.steady_travel_nm(),
                     dt_us,
                 };
-                let feedforward = config.friction.command(
+                let Feedforward {
+                    command: feedforward,
+                    half,
+                } = config.friction.command(
                     setpoint,
                     direction,
                     state.reel_speed,
                     input.encoder_counts,
+                    &state.level,
                 );
                 let mut terms = state.pid.terms(config, &measured);
                 if !state.closed || state.rebase {
@@ -397,6 +423,7 @@ impl Controller {
                 if slewing {
                     output.flags |= flags::SLEWING;
                 }
+                state.learn(half, excess);
             }
         }
         state.rebase = false;

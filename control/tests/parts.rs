@@ -5,7 +5,7 @@ use control::convert::{dac_code, nominal_codes_per_newton, COUNTS_PER_TURN, GEAR
 use control::faults::{Latch, Scope};
 use control::filter::{Filter, FilterConfig, SpikeGate};
 use control::friction::{
-    sin_q30, Direction, DirectionEstimator, Model, ReelSpeed, REVERSAL_SHARE_Q16,
+    sin_q30, Direction, DirectionEstimator, Level, Model, ReelSpeed, REVERSAL_SHARE_Q16,
 };
 use control::let_go::LetGo;
 use control::supervisor::{CheckIn, EncoderWatch, Expiry, Rate, RateLimits, Verdict};
@@ -291,11 +291,41 @@ proptest! {
         let middle = (exact(1.0) + exact(-1.0)) / 2.0;
         let half = (exact(1.0) - exact(-1.0)) / 2.0;
         let command = Model::new(&wire)
-            .command(newton(tension), Direction::from_q30(q30), ReelSpeed::default(), EncoderCounts(0))
+            .command(newton(tension), Direction::from_q30(q30), ReelSpeed::default(), EncoderCounts(0), &Level::default())
+            .command
             .to_f64();
         let direction = q30 as f64 / f64::from(Direction::ONE);
         let share = REVERSAL_SHARE_Q16 as f64 / 65_536.0;
         prop_assert!((command - (middle + share * direction * half)).abs() < 1e-5, "{command}");
+    }
+
+    /// What the feedforward takes over is what the integral gives up, whatever it holds.
+    #[test]
+    fn friction_that_is_learned_moves_from_the_integral_to_the_feedforward(
+        slides in prop::collection::vec((1usize..200, any::<bool>(), -3.0f64..3.0, 0usize..300), 1..30),
+        tension in 0.0f64..16.0,
+        c0 in 0.0f64..5e6,
+    ) {
+        let wire = UnitConfig { coulomb_un: c0 as i32, ..Config::nominal() };
+        let model = Model::new(&wire);
+        let mut level = Level::default();
+        for (samples, inwards, towards, rest) in slides {
+            let direction = Direction::from_q30(if inwards { 1 } else { -1 } * i64::from(Direction::ONE));
+            let mut integral = newton(towards);
+            for _ in 0..samples {
+                let friction = |level: &Level| {
+                    model.command(newton(tension), direction, ReelSpeed::default(), EncoderCounts(0), level)
+                };
+                let before = friction(&level);
+                let moved = level.slid(inwards, integral, before.half);
+                let after = friction(&level);
+                let jump = (after.command.to_f64() - moved.to_f64()) - before.command.to_f64();
+                prop_assert!(jump.abs() < 1e-5, "{jump} N");
+                prop_assert!(level.excess().abs() <= 0.4 + 1e-6);
+                integral = integral.saturating_sub(moved);
+            }
+            (0..rest).for_each(|_| level.pause());
+        }
     }
 
     #[test]
@@ -330,7 +360,8 @@ proptest! {
             speed.step(speed_nm);
         }
         let added = Model::new(&wire)
-            .command(newton(tension), Direction::default(), speed, EncoderCounts(counts))
+            .command(newton(tension), Direction::default(), speed, EncoderCounts(counts), &Level::default())
+            .command
             .to_f64()
             - tension;
         let speed_m_per_s = f64::from(speed_nm) * 1e-9 * 320.0;
@@ -344,8 +375,8 @@ proptest! {
         // Switched off with the rest.
         let off = UnitConfig { friction_feedforward: false, ..wire };
         let command =
-            Model::new(&off).command(newton(tension), Direction::default(), speed, EncoderCounts(counts));
-        prop_assert_eq!(command, newton(tension));
+            Model::new(&off).command(newton(tension), Direction::default(), speed, EncoderCounts(counts), &Level::default());
+        prop_assert_eq!(command.command, newton(tension));
     }
 
     #[test]

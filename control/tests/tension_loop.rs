@@ -76,6 +76,71 @@ fn other_plants() -> Vec<(&'static str, PlantConfig)> {
     ]
 }
 
+fn scale_friction(plant: &mut PlantConfig, factor: f64) {
+    plant.friction.coulomb_n *= factor;
+    plant.friction.per_load *= factor;
+}
+
+/// Over all cables. One alone may still be held worse in its first reversals, before the level is learned: with a fifth less
+/// friction the fifth cable of this rig has 0.044 N with, 0.041 N without in the first 12 s.
+#[test]
+fn the_feedforward_helps_where_the_level_of_friction_is_another() {
+    let rms = |plant: &PlantConfig, wire: &UnitConfig| {
+        let errors = rig::tension_errors(plant.clone(), 5, wire, 12.0);
+        (errors.iter().map(|(rms, _)| rms * rms).sum::<f64>() / 6.0).sqrt()
+    };
+    for factor in [0.8, 1.2] {
+        let mut plant = PlantConfig::default();
+        scale_friction(&mut plant, factor);
+        let (with, without) = (
+            rms(&plant, &Config::nominal()),
+            rms(&plant, &without_feedforward()),
+        );
+        println!("{factor}: {with:.4} N with, {without:.4} N without");
+        assert!(
+            with < 0.85 * without,
+            "{factor}: {with} N with, {without} N without"
+        );
+    }
+}
+
+/// The integral shows it at reversals. Units differ from the declared friction by some 6 % by themselves.
+#[test]
+fn the_level_of_friction_is_learned_and_given_up_with_the_configuration() {
+    for factor in [0.8, 1.0, 1.2] {
+        let mut plant = PlantConfig::default();
+        scale_friction(&mut plant, factor);
+        let mut rig = rig::Rig::new(plant, 11, &Config::nominal());
+        for unit in &mut rig.units {
+            unit.drive = Drive::Follow;
+        }
+        while rig.time_s() < 40.0 {
+            let t = rig.time_s();
+            rig.plant.set_robot_moving(t > 2.0);
+            for (i, unit) in rig.units.iter_mut().enumerate() {
+                unit.setpoint_n = 4.1 + 1.9 * (0.4 * t + i as f64).sin();
+            }
+            rig.advance(|_, _, output| assert_eq!(output.fault, None));
+        }
+        let excess = |rig: &rig::Rig| -> Vec<f64> {
+            rig.units
+                .iter()
+                .map(|unit| unit.state.level().excess())
+                .collect()
+        };
+        let learned = excess(&rig);
+        println!("{factor}: {learned:.3?}");
+        for (i, excess) in learned.iter().enumerate() {
+            let off = excess - (factor - 1.0);
+            assert!(off.abs() < 0.1, "unit {i}, {factor}: {excess}");
+        }
+        for unit in &mut rig.units {
+            unit.state.config_changed();
+        }
+        assert_eq!(excess(&rig), [0.0; 6]);
+    }
+}
+
 #[test]
 fn the_feedforward_helps_every_cable_also_where_friction_is_another() {
     for (name, plant) in other_plants() {

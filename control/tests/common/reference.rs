@@ -52,6 +52,54 @@ pub struct Reference {
     saturated: u32,
     lost_nm: f64,
     travel_nm: f64,
+    level: Level,
+}
+
+/// Friction over that of the model, as the integral shows it at reversals.
+#[derive(Debug, Clone, Default)]
+struct Level {
+    excess: f64,
+    inwards: bool,
+    mean: f64,
+    samples: u32,
+    before: Option<f64>,
+    rested: u32,
+}
+
+impl Level {
+    fn pause(&mut self) {
+        self.rested += 1;
+        if self.rested > 250 {
+            (self.samples, self.before) = (0, None);
+        }
+    }
+
+    /// What the integral gives up.
+    fn slid(&mut self, inwards: bool, integral: f64, half: f64) -> f64 {
+        self.rested = 0;
+        if inwards != self.inwards {
+            self.before = (self.samples >= 64).then_some(self.mean);
+            (self.inwards, self.samples) = (inwards, 0);
+        }
+        self.mean += (integral - self.mean) / 16.0;
+        self.samples += 1;
+        if self.samples != 64 || half < 1.0 / 32.0 {
+            return 0.0;
+        }
+        let Some(before) = self.before.take() else {
+            return 0.0;
+        };
+        let sign = if inwards { 1.0 } else { -1.0 };
+        // The feedforward takes nine tenths of the friction: the integral keeps one.
+        let share = control::friction::REVERSAL_SHARE_Q16 as f64 / 65_536.0;
+        let left = half * (1.0 + self.excess) * (1.0 / share - 1.0);
+        let missing = (sign * (self.mean - before) / 2.0 - left).clamp(-2.0, 2.0);
+        let excess = (self.excess + missing / half).clamp(-0.4, 0.4);
+        let moved = sign * half * (excess - self.excess);
+        self.excess = excess;
+        self.mean -= moved;
+        moved
+    }
 }
 
 fn q16(x: i32) -> f64 {
@@ -87,6 +135,7 @@ impl Reference {
             saturated: 0,
             lost_nm: 0.0,
             travel_nm: 0.0,
+            level: Level::default(),
         }
     }
 
@@ -158,9 +207,10 @@ impl Reference {
         load
     }
 
-    fn friction(&self, tension: f64, counts: i64) -> f64 {
+    /// The feedforward, and half of what it jumps by in a reversal, without the level.
+    fn friction(&self, tension: f64, counts: i64) -> (f64, f64) {
         if !self.wire.friction_feedforward {
-            return tension;
+            return (tension, 0.0);
         }
         let gain = q16(self.wire.friction_gain_q16);
         let c0 = micro(self.wire.coulomb_un);
@@ -185,10 +235,14 @@ impl Reference {
         let base = tension - micro(self.wire.friction_offset_un) + viscous - ripples;
         let winding_in = (base + c0) / (gain - c1);
         let paying_out = (base - c0) / (gain + c1);
-        // The direction less the margin of the feedforward.
-        let direction = self.direction * control::friction::REVERSAL_SHARE_Q16 as f64 / 65_536.0;
-        let share = 0.5 * (1.0 + direction);
-        share * winding_in + (1.0 - share) * paying_out
+        // Less the margin of the feedforward.
+        let share = control::friction::REVERSAL_SHARE_Q16 as f64 / 65_536.0;
+        let half = (winding_in - paying_out) / 2.0 * share;
+        let middle = (winding_in + paying_out) / 2.0;
+        (
+            middle + self.direction * half * (1.0 + self.level.excess),
+            half,
+        )
     }
 
     pub fn step(&mut self, input: &Input) -> Answer {
@@ -306,7 +360,7 @@ impl Reference {
                 };
                 self.setpoint = start + (target - start).clamp(-slew / 8.0, slew / 8.0);
                 let error = self.setpoint - tension;
-                let feedforward = self.friction(self.setpoint, input.encoder_counts.0);
+                let (feedforward, half) = self.friction(self.setpoint, input.encoder_counts.0);
                 let p = q16(w.kp_q16) * error;
                 let derivative = if self.closed {
                     -q16(w.kd_q16) * RATE * rise / spans
@@ -346,6 +400,20 @@ impl Reference {
                 }
                 self.integral = (i + addition).clamp(-limit, limit);
                 self.closed = true;
+                // Fixed point may see these three the other way round.
+                let short = 1.0 - self.direction.abs();
+                for near in [short, excess.abs()] {
+                    if near > 1e-9 {
+                        answer.margin = answer.margin.min(near);
+                    }
+                }
+                answer.margin = answer.margin.min((still - 0.5).abs());
+                if short > 0.0 || still >= 0.5 || excess.abs() > 1e-9 {
+                    self.level.pause();
+                } else {
+                    let inwards = self.direction > 0.0;
+                    self.integral -= self.level.slid(inwards, self.integral, half);
+                }
                 answer = Answer {
                     p,
                     i,
