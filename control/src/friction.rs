@@ -95,6 +95,9 @@ impl Model {
 
     /// What viscous friction takes at this speed, at most [`VISCOUS_LIMIT`].
     fn viscous(&self, speed: ReelSpeed) -> Newton {
+        if self.viscous == 0 {
+            return Newton::ZERO;
+        }
         // 27,487 steps a nanometre at most, and 31 bits of speed.
         let wide = (i64::from(self.viscous) * i64::from(speed.nm_q8())) >> 24;
         Newton::from_wide(wide).clamp_abs(VISCOUS_LIMIT)
@@ -147,19 +150,23 @@ impl Model {
                 half: Newton::ZERO,
             };
         }
-        let base = i64::from(tension.to_bits()) - i64::from(self.offset)
-            + i64::from(self.viscous(speed).to_bits())
-            - i64::from(self.ripples.at(at, tension).to_bits());
-        let coulomb = i64::from(self.coulomb);
-        let winding_in = ((base + coulomb) * i64::from(self.inv_in_q24)) >> 24;
-        let paying_out = ((base - coulomb) * i64::from(self.inv_out_q24)) >> 24;
+        let base = tension
+            .saturating_sub(Newton::from_bits(self.offset))
+            .saturating_add(self.viscous(speed))
+            .saturating_sub(self.ripples.at(at, tension));
+        let coulomb = Newton::from_bits(self.coulomb);
+        let times =
+            |force: Newton, inv_q24: i32| (i64::from(force.to_bits()) * i64::from(inv_q24)) >> 24;
+        let winding_in = times(base.saturating_add(coulomb), self.inv_in_q24);
+        let paying_out = times(base.saturating_sub(coulomb), self.inv_out_q24);
         let middle = (winding_in + paying_out) >> 1;
-        // 26 bits, and 16 of the share.
+        // 28 bits (200 N at most), and 16 of the share.
         let half = (((winding_in - paying_out) >> 1) * REVERSAL_SHARE_Q16) >> 16;
-        let taken = level.times(half);
+        let half = Newton::from_bits(half as i32);
+        let taken = i64::from(level.times(half).to_bits()) * i64::from(direction.q30());
         Feedforward {
-            command: Newton::from_wide(middle + ((taken * i64::from(direction.q30())) >> 30)),
-            half: Newton::from_wide(half),
+            command: Newton::from_wide(middle + (taken >> 30)),
+            half,
         }
     }
 }
@@ -227,8 +234,9 @@ impl Level {
     }
 
     /// The friction's part of the feedforward with this level.
-    const fn times(&self, half: i64) -> i64 {
-        half + ((half * self.excess_q24 as i64) >> 24)
+    const fn times(&self, half: Newton) -> Newton {
+        let factor_q24 = (1 << 24) + self.excess_q24;
+        Newton::from_bits(((half.to_bits() as i64 * factor_q24 as i64) >> 24) as i32)
     }
 
     /// The reel does not slide, or the command is limited: the integral says nothing about
@@ -242,42 +250,56 @@ impl Level {
     }
 
     /// A sample of a sliding reel, with the integral and [`Feedforward::half`]. What the integral
-    /// has to give up, with the sign of the command.
-    pub fn slid(&mut self, inwards: bool, integral: Newton, half: Newton) -> Newton {
+    /// has to give up, with the sign of the command, where a reversal has shown it.
+    pub fn slid(&mut self, inwards: bool, integral: Newton, half: Newton) -> Option<Newton> {
         self.rested = 0;
         if inwards != self.inwards {
             self.before = (self.samples >= WHOLE).then_some(self.mean);
             self.inwards = inwards;
             self.samples = 0;
         }
-        let step = integral.to_bits().saturating_sub(self.mean.to_bits()) >> MEAN_SHIFT;
-        self.mean = Newton::from_bits(self.mean.to_bits().saturating_add(step));
-        self.samples = self.samples.saturating_add(1);
-        // 0.03 N: less friction is none.
-        let divisor = half.to_bits() >> 9;
-        let Some(before) = self
-            .before
-            .filter(|_| self.samples == WHOLE && divisor >= 256)
-        else {
-            return Newton::ZERO;
-        };
+        // Newtons are 31 bits: their difference does not wrap once it is shifted.
+        let step = (integral.to_bits() >> MEAN_SHIFT) - (self.mean.to_bits() >> MEAN_SHIFT);
+        self.mean = Newton::from_bits(self.mean.to_bits().wrapping_add(step));
+        if self.samples >= WHOLE {
+            return None;
+        }
+        self.samples += 1;
+        let before = self.before.filter(|_| self.samples == WHOLE)?;
         self.before = None;
-        let half = i64::from(half.to_bits());
-        let change = i64::from(self.mean.to_bits()) - i64::from(before.to_bits());
-        let shown = if inwards { change >> 1 } else { -change >> 1 };
-        let missing = shown - ((self.times(half) * LEFT_Q16) >> 16);
-        // 2 N over 0.03 N is 2^6, times 2^24 once shifted.
-        let ratio_q16 = ((missing.clamp(-(1 << 23), 1 << 23) as i32) << 7) / divisor;
-        let before = self.excess_q24;
-        self.excess_q24 = clamp_abs(before.saturating_add(ratio_q16 << 8), LEVEL_LIMIT_Q24);
-        let moved = Newton::from_wide((half * i64::from(self.excess_q24 - before)) >> 24);
-        let moved = if inwards {
-            moved
+        self.learn(before, half)
+    }
+
+    /// With the sign that friction has in this direction.
+    const fn inward(&self, value: i64) -> i64 {
+        if self.inwards {
+            value
         } else {
-            Newton::ZERO.saturating_sub(moved)
-        };
+            -value
+        }
+    }
+
+    /// Takes over what the mean shows after a reversal.
+    #[inline(never)]
+    fn learn(&mut self, before: Newton, half: Newton) -> Option<Newton> {
+        let divisor = half.to_bits() >> 9;
+        // 0.03 N: less friction is none.
+        if divisor < 256 {
+            return None;
+        }
+        let change = i64::from(self.mean.to_bits()) - i64::from(before.to_bits());
+        let shown = self.inward(change) >> 1;
+        let left = (i64::from(self.times(half).to_bits()) * LEFT_Q16) >> 16;
+        let missing = clamp_abs(shown - left, 2 << Newton::FRAC_BITS) as i32;
+        // 2 N over 0.03 N is 2^6, times 2^24 once shifted.
+        let ratio_q16 = (missing << 7) / divisor;
+        let learned = self.excess_q24.saturating_add(ratio_q16 << 8);
+        let learned = clamp_abs(learned, LEVEL_LIMIT_Q24);
+        let more = i64::from(learned - self.excess_q24) * i64::from(half.to_bits());
+        self.excess_q24 = learned;
+        let moved = Newton::from_wide(self.inward(more) >> 24);
         self.mean = self.mean.saturating_sub(moved);
-        moved
+        Some(moved)
     }
 }
 
@@ -502,7 +524,8 @@ impl DirectionEstimator {
     /// at which it counts as moving.
     #[must_use]
     pub fn slides(&self) -> Option<bool> {
-        let moves = i64::from(self.stillness().q24()) < Stillness::ONE / 2;
+        // Times 4,096, and half of it: the stillness is below a half.
+        let moves = self.speed_q12 > MOVING_NM << 11;
         match self.direction.q30() {
             Direction::ONE if moves => Some(true),
             d if d == -Direction::ONE && moves => Some(false),

@@ -226,8 +226,9 @@ impl State {
         match slides.filter(|_| excess == Newton::ZERO) {
             None => self.level.pause(),
             Some(inwards) => {
-                let moved = self.level.slid(inwards, self.pid.integral(), half);
-                self.pid.give_up(moved);
+                if let Some(moved) = self.level.slid(inwards, self.pid.integral(), half) {
+                    self.pid.give_up(moved);
+                }
             }
         }
     }

@@ -317,7 +317,7 @@ proptest! {
                     model.command(newton(tension), direction, ReelSpeed::default(), EncoderCounts(0), level)
                 };
                 let before = friction(&level);
-                let moved = level.slid(inwards, integral, before.half);
+                let moved = level.slid(inwards, integral, before.half).unwrap_or_default();
                 let after = friction(&level);
                 let jump = (after.command.to_f64() - moved.to_f64()) - before.command.to_f64();
                 prop_assert!(jump.abs() < 1e-5, "{jump} N");

@@ -45,12 +45,12 @@ struct Run {
     trace: Vec<[f64; 3]>,
 }
 
-fn run(kind: Kind, seed: u64, seconds: f64) -> Run {
+fn run(kind: Kind, plant: &PlantConfig, seed: u64, seconds: f64) -> Run {
     let mut wire = Config::nominal();
     if let Kind::Ours { feedforward } = kind {
         wire.friction_feedforward = feedforward;
     }
-    let mut rig = Rig::new(PlantConfig::default(), seed, &wire);
+    let mut rig = Rig::new(plant.clone(), seed, &wire);
     let units = rig.units.len();
     let mut thesis = match kind {
         Kind::Thesis(path, gains) => Some(Thesis::new(path, gains, units)),
@@ -116,7 +116,12 @@ fn tune(path: Path) -> Gains {
         }
     }
     let score = |gains: &Gains| {
-        let run = run(Kind::Thesis(path, *gains), TUNING_SEED, 8.0);
+        let run = run(
+            Kind::Thesis(path, *gains),
+            &PlantConfig::default(),
+            TUNING_SEED,
+            8.0,
+        );
         mean(&run.rms_n)
     };
     let scores = in_parallel(&grid, score);
@@ -160,9 +165,72 @@ struct Row {
     trace: Vec<[f64; 3]>,
 }
 
+impl Row {
+    fn of(name: &'static str, kind: Kind, plant: &PlantConfig) -> Self {
+        let seeds: Vec<u64> = SEEDS.collect();
+        let mut runs = in_parallel(&seeds, |seed| run(kind, plant, *seed, SECONDS));
+        let rms = runs.iter().flat_map(|run| run.rms_n.clone());
+        let count = runs.iter().map(|run| run.rms_n.len()).sum::<usize>() as f64;
+        Self {
+            name,
+            rms_n: (rms.clone().map(|rms| rms * rms).sum::<f64>() / count).sqrt(),
+            worst_n: largest(rms),
+            peak_n: largest(runs.iter().flat_map(|run| run.peak_n.clone())),
+            trace: runs.swap_remove(0).trace,
+        }
+    }
+
+    /// Its line of a table.
+    fn line(&self) -> String {
+        let (rms, worst, peak) = (
+            number(self.rms_n),
+            number(self.worst_n),
+            number(self.peak_n),
+        );
+        format!("| {} | {rms} N | {worst} N | {peak} N |\n", self.name)
+    }
+}
+
+/// A change of the plant that the rig file does not know.
+type Change = fn(&mut PlantConfig);
+
+/// Plants that differ from what the rig file declares, one property at a time.
+const OTHER_PLANTS: [(&str, Change); 10] = [
+    ("as declared", |_| {}),
+    ("half the presliding distance", |p| {
+        p.friction.presliding_m *= 0.5;
+    }),
+    ("twice the presliding distance", |p| {
+        p.friction.presliding_m *= 2.0;
+    }),
+    ("half the cable's stiffness", |p| {
+        p.cable.axial_stiffness_n *= 0.5;
+    }),
+    ("twice the cable's stiffness", |p| {
+        p.cable.axial_stiffness_n *= 2.0;
+    }),
+    ("no breakaway", |p| p.friction.breakaway_ratio = 1.0),
+    ("twice the breakaway", |p| {
+        p.friction.breakaway_ratio += p.friction.breakaway_ratio - 1.0;
+    }),
+    ("friction 20 % less", |p| {
+        p.friction.coulomb_n *= 0.8;
+        p.friction.per_load *= 0.8;
+    }),
+    ("friction 20 % more", |p| {
+        p.friction.coulomb_n *= 1.2;
+        p.friction.per_load *= 1.2;
+    }),
+    ("friction 40 % more", |p| {
+        p.friction.coulomb_n *= 1.4;
+        p.friction.per_load *= 1.4;
+    }),
+];
+
 /// The table and the picture.
 pub struct Comparison {
     rows: Vec<Row>,
+    other_plants: Vec<Row>,
     gains: [Gains; 2],
 }
 
@@ -187,18 +255,11 @@ pub fn controllers(figures: &mut Figures) -> Comparison {
         ),
         ("ours", Kind::Ours { feedforward: true }),
     ];
-    let seeds: Vec<u64> = SEEDS.collect();
-    let rows = kinds.map(|(name, kind)| {
-        let mut runs = in_parallel(&seeds, |seed| run(kind, *seed, SECONDS));
-        let rms = runs.iter().flat_map(|run| run.rms_n.clone());
-        let count = runs.iter().map(|run| run.rms_n.len()).sum::<usize>() as f64;
-        Row {
-            name,
-            rms_n: (rms.clone().map(|rms| rms * rms).sum::<f64>() / count).sqrt(),
-            worst_n: largest(rms),
-            peak_n: largest(runs.iter().flat_map(|run| run.peak_n.clone())),
-            trace: runs.swap_remove(0).trace,
-        }
+    let rows = kinds.map(|(name, kind)| Row::of(name, kind, &PlantConfig::default()));
+    let other_plants = OTHER_PLANTS.map(|(name, change)| {
+        let mut plant = PlantConfig::default();
+        change(&mut plant);
+        Row::of(name, Kind::Ours { feedforward: true }, &plant)
     });
     let keys = [
         (
@@ -233,6 +294,7 @@ pub fn controllers(figures: &mut Figures) -> Comparison {
     );
     Comparison {
         rows: rows.into(),
+        other_plants: other_plants.into(),
         gains,
     }
 }
@@ -250,8 +312,7 @@ impl Comparison {
              | controller | RMS of all cables | worst cable | largest error |\n| --- | ---: | ---: | ---: |\n"
         );
         for row in &self.rows {
-            let (rms, worst, peak) = (number(row.rms_n), number(row.worst_n), number(row.peak_n));
-            let _ = writeln!(text, "| {} | {rms} N | {worst} N | {peak} N |", row.name);
+            text.push_str(&row.line());
         }
         let _ = writeln!(text, "\nFound, kp, ki (1/s), kd (s), part of the friction:");
         for (path, g) in ["Raven's software", "board"].iter().zip(self.gains) {
@@ -259,8 +320,14 @@ impl Comparison {
         }
         let _ = writeln!(
             text,
-            "ours as in the rig file.\n\n![One reversal of the reel under all four]({picture})"
+            "ours as in the rig file.\n\n![One reversal of the reel under all four]({picture})\n\n\
+             ## Ours on other plants\n\nThe same seeds and motion, where the plant differs from what the rig file declares. The largest \
+             error is that of a first reversal where the friction's level differs: the board learns the level at reversals.\n\n\
+             | plant | RMS of all cables | worst cable | largest error |\n| --- | ---: | ---: | ---: |"
         );
+        for row in &self.other_plants {
+            text.push_str(&row.line());
+        }
         text
     }
 
@@ -287,7 +354,7 @@ mod tests {
             kd: 0.0,
             friction: 0.3,
         };
-        let of = |kind| mean(&run(kind, 3, 4.0).rms_n);
+        let of = |kind| mean(&run(kind, &PlantConfig::default(), 3, 4.0).rms_n);
         let board = of(Kind::Thesis(Path::Board, gains));
         assert!(of(Kind::Thesis(Path::Raven, gains)) > board);
         assert!(of(Kind::Ours { feedforward: true }) < board);
