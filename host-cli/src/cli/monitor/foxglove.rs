@@ -446,10 +446,8 @@ mod tests {
         };
         let arrow = |now: &Telemetry| {
             let update = Update::Telemetry(Box::new(now.clone()));
-            let found = messages(&update, Utc::from_ns(5)).into_iter();
-            let scene = found
-                .filter(|(topic, _)| *topic == Scene::TOPIC)
-                .next_back();
+            let mut found = messages(&update, Utc::from_ns(5)).into_iter();
+            let scene = found.find(|(topic, _)| *topic == Scene::TOPIC);
             let arrow = scene.unwrap().1["entities"][0]["arrows"][0].clone();
             arrow["shaft_length"].as_f64().unwrap() + arrow["head_length"].as_f64().unwrap()
         };
