@@ -5,6 +5,8 @@
 
 mod common;
 
+use calibrate::standin::Cells;
+use calibration::gain::iso376::Class;
 use common::{expect, forcectl, said, words};
 use serde_json::Value;
 use std::io::Write;
@@ -92,6 +94,9 @@ fn a_session_by_hand_goes_on_where_it_was_broken_off() {
     };
     // Two readings, one taken back, one more, then the end of the input.
     let stopped = [
+        "How the weights load a cell",
+        "over a pulley",
+        "then `calibrate geometry`",
         "reading 1 of 10: take all weights off",
         "hang 100 g",
         "stopped after 2 of 10 readings",
@@ -110,6 +115,109 @@ fn a_session_by_hand_goes_on_where_it_was_broken_off() {
 }
 
 #[test]
+fn the_procedure_of_iso_376_finds_what_the_cells_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let (share, tau_s): (f64, f64) = (6e-4, 90.0);
+    let plant =
+        format!("[[effects]]\nkind = \"creep\"\nfraction = {share}\ntime_constant_s = {tau_s}\n");
+    std::fs::write(folder.path().join("creep.toml"), plant).unwrap();
+    let rig = "--link fast --seed 11";
+    let line = format!(
+        "calibrate gain {rig} --plant creep.toml --unit 4 5 --iso-376 --yes --json --gravity 9.80665 --gravity-sd 1e-6 \
+         --inject hysteresis=4:12 --inject remount=4:0.05 --inject hysteresis=5:1 --inject remount=5:0.2 \
+         --loading dismounted --temperature 21 --operator Q --weights-serial 17"
+    );
+    let told = expect(folder.path(), &line, 0, &[]);
+    let reply: Value = serde_json::from_str(&told.out).unwrap();
+    let gains = reply["gains"].as_array().unwrap();
+    let mut cells = Cells::new(
+        11,
+        &[
+            "remount=4:0.05".parse().unwrap(),
+            "remount=5:0.2".parse().unwrap(),
+        ],
+    );
+    let mut scales = |unit: u8| {
+        [0, 120, 240].map(|degrees| {
+            cells.turn(degrees);
+            cells.mounting(unit).0
+        })
+    };
+    for (gain, (unit, loop_n)) in gains.iter().zip([(4, 0.012), (5, 0.001)]) {
+        let iso = &gain["iso376"];
+        let found = |key: &str| iso[key].as_f64().unwrap();
+        let scales = scales(unit);
+        let spread = scales.iter().fold(f64::MIN, |a, b| a.max(*b))
+            - scales.iter().fold(f64::MAX, |a, b| a.min(*b));
+        let largest = 9.805;
+        let mut worst = 0.0f64;
+        for load in iso["loads"].as_array().unwrap() {
+            let numbers: Vec<f64> = serde_json::from_value(load.clone()).unwrap();
+            let [force, b, b2, _, v, ..] = numbers[..] else {
+                panic!("{load}");
+            };
+            if force < 4.0 {
+                continue;
+            }
+            // What creeps from one load to the next is in all of them.
+            assert!(
+                (b - spread).abs() < 2.0 * share / 3.0,
+                "unit {unit}, {force} N: b {b}, {spread}"
+            );
+            assert!(b2 < share / 2.0, "unit {unit}, {force} N: b' {b2}");
+            let loop_v = 4.0 * loop_n * (largest - force) / (largest * largest);
+            assert!(
+                (v - loop_v).abs() < share,
+                "unit {unit}, {force} N: v {v}, {loop_v}"
+            );
+            worst = worst.max(loop_v);
+        }
+        let creep = share * ((-30.0 / tau_s).exp() - (-300.0 / tau_s).exp());
+        assert!((found("creep") / creep - 1.0).abs() < 0.25, "{iso}");
+        // The class is that of the true parameters: of the loop at half of the load, and weights of class M2.
+        let wanted = Class::ALL.into_iter().find(|class| {
+            let limits = class.limits();
+            spread <= limits.reproducibility
+                && worst <= limits.reversibility
+                && creep <= limits.creep
+                && 1.9e-4 <= limits.force_95
+        });
+        assert_eq!(
+            iso["class"],
+            wanted.map_or(String::new(), |c| c.to_string()),
+            "{spread} {iso}"
+        );
+        // The next mounting is in the interval of the scale.
+        let parts = &gain["parts_relative"];
+        assert!(
+            parts["remounting"].as_f64().unwrap() > 0.3 * spread,
+            "{gain}"
+        );
+        assert_eq!(gain["temperature"]["from_c"], 21.0);
+    }
+    let told = expect(
+        folder.path(),
+        &format!("calibrate certificate {rig}"),
+        0,
+        &[],
+    );
+    assert!(told.out.contains("certificate.html"));
+    let page =
+        std::fs::read_to_string(folder.path().join("forcectl-out/certificate.html")).unwrap();
+    for text in [
+        "Figures by ISO 376",
+        "version 0001",
+        "<b>1</b> from ",
+        "reversibility v",
+        "next mounting (A)",
+        "dismounted, axis upright",
+        "21.0 degrees Celsius; too small a range",
+    ] {
+        assert!(page.contains(text), "`{text}` is missing");
+    }
+}
+
+#[test]
 fn values_that_can_not_be_are_refused_and_nothing_is_stored() {
     let folder = tempfile::tempdir().unwrap();
     let latin = folder.path().join("latin.csv");
@@ -121,12 +229,21 @@ fn values_that_can_not_be_are_refused_and_nothing_is_stored() {
         ("geometry --yes --digitizer-sd 0.0002", "mm, not m?"),
         ("gain --weights 0 --yes", "`0` is not a weight"),
         ("gain --weights nan --yes", "`nan` is not a weight"),
+        ("gain --iso-376 --rounds 3 --yes", "cannot be used with"),
+        ("gain --loading rope --yes", "neither `dismounted` nor"),
+        ("gain --temperature 300 --yes", "no temperature of a room"),
         ("zero --replace 9 --yes", "no unit 9 is enabled"),
         ("gain --unit 2 --readings latin.csv", "save it as CSV UTF-8"),
         ("gain --unit 2 --readings comma.csv", "write a point"),
     ] {
         let line = format!("calibrate {call} --link fast");
         expect(folder.path(), &line, 2, &[expected]);
+    }
+    for call in ["gain --yes --gravity 9.88", "check --yes --gravity 9.75"] {
+        let line = format!("calibrate {call} --link fast");
+        let said = common::run(folder.path(), &line);
+        let refused = said.code == Some(6) && said.err.contains("on Earth it is 9.76 to 9.84");
+        assert!(refused, "{line}: {said:?}");
     }
     let said = common::run(folder.path(), "calibrate use 1 --link fast");
     let refused = said.code != Some(0) && said.err.contains("0001.toml");

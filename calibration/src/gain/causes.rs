@@ -134,6 +134,9 @@ const LEAST_N: f64 = 0.005;
 const LEAST_PART: f64 = 1e-3;
 /// A weight within so many tolerances is no mistake: its limit may be that of the next class.
 const LEAST_LIMITS: f64 = 2.0;
+/// Nor is one by less than this, N, however good its class: creep and hysteresis that the model leaves are as large on a good cell
+/// (0.01 % of 10 N).
+const LEAST_WEIGHT_N: f64 = 0.001;
 /// Readings that each part before and after a step has at least; fewer are single wrong entries.
 const PART: usize = 3;
 
@@ -202,7 +205,7 @@ fn told(
         }
         Kind::Weight(weight_g) => {
             let limit_g = options.weights.relative_sd(*weight_g) * 3f64.sqrt() * weight_g;
-            if (size * g_per_n).abs() < LEAST_LIMITS * limit_g {
+            if (size * g_per_n).abs() < LEAST_LIMITS * limit_g || size.abs() < LEAST_WEIGHT_N {
                 return None;
             }
             let hung = used.iter().filter(|r| r.weight_g == *weight_g);
@@ -240,6 +243,8 @@ fn told(
 struct Compared {
     /// Zero, slope, and what the cell does by itself.
     own: DMatrix<f64>,
+    /// Bit by bit, which of these every model has: those of further mountings.
+    always: usize,
     mistakes: DMatrix<f64>,
     kinds: Vec<Kind>,
     /// Prior of each kind, shared out over its places.
@@ -333,12 +338,20 @@ impl Compared {
             return None;
         }
         let slope = solution.beta[1];
-        let line = solve(used, options, &Model::default()).ok()?;
+        let line = solve(used, options, &Model::of(used)).ok()?;
         let most = line.repeatability.max(solution.repeatability);
         let mut repeatabilities = vec![0.0];
         repeatabilities.extend((0..9).map(|i| most * 0.5f64.powi(i)).filter(|r| *r > 0.0));
+        let of_mounting =
+            |term: &Term| matches!(term, Term::MountingZero(_) | Term::MountingSlope(_));
+        let bits = model.terms.iter().enumerate();
+        let always = bits
+            .filter(|(_, term)| of_mounting(term))
+            .map(|(i, _)| 1 << i)
+            .sum();
         Some(Self {
             own,
+            always,
             mistakes: DMatrix::from_columns(&columns),
             kinds,
             log_priors,
@@ -390,7 +403,7 @@ impl Compared {
             let own = root.solve_lower_triangular(&self.own)?;
             let mistakes = root.solve_lower_triangular(&self.mistakes)?;
             let codes = root.solve_lower_triangular(&self.codes)?;
-            for chosen in 0..1usize << shapes {
+            for chosen in (0..1usize << shapes).filter(|c| c & self.always == self.always) {
                 let taken: Vec<usize> = (0..own.ncols())
                     .filter(|c| *c < 2 || chosen >> (c - 2) & 1 == 1)
                     .collect();

@@ -75,6 +75,16 @@ pub enum GainError {
         /// The nominal scale, N per code.
         nominal: f64,
     },
+    /// The readings leave every curve by far more than a cell and a hand do.
+    #[error("{at}: the readings scatter by {sd_n:.3} N about any curve, this one by {off_n:+.3} N, and no single mistake explains it: are there several, or does something touch the cell? Weigh again, or leave lines out")]
+    Scatter {
+        /// The reading that is furthest off.
+        at: Location,
+        /// Repeatability, N.
+        sd_n: f64,
+        /// How far that reading is off, N.
+        off_n: f64,
+    },
     /// The code does not follow the load.
     #[error("the code does not depend on the load (slope {codes_per_n:.1} codes per N, standard error {se:.1}); check the bridge's wiring and that the weights hang on the cell")]
     NoSlope {

@@ -18,6 +18,18 @@ pub(super) struct Model {
 }
 
 impl Model {
+    /// Zero and slope, and those of further mountings.
+    pub(super) fn of(used: &[Reading]) -> Self {
+        let further = [1, 2].into_iter();
+        let there = further.filter(|k| used.iter().any(|r| r.mounting() == *k));
+        Self {
+            terms: there
+                .flat_map(|k| [Term::MountingZero(k), Term::MountingSlope(k)])
+                .collect(),
+            ..Self::default()
+        }
+    }
+
     pub(super) fn has(&self, term: Term) -> bool {
         self.terms.contains(&term)
     }
@@ -95,6 +107,11 @@ pub(super) fn design(used: &[Reading], options: &Options, model: &Model) -> DMat
                 Term::SlopeTemperature => warmer * force,
                 Term::ZeroTime => r.time_s.unwrap_or(start) - start,
                 Term::Creep => crept[row],
+                Term::MountingZero(k) => f64::from(u8::from(r.mounting() == k)),
+                Term::MountingSlope(k) if r.mounting() == k => force,
+                // The slope is the mean of all mountings.
+                Term::MountingSlope(_) if r.mounting() == 0 => -force,
+                Term::MountingSlope(_) => 0.0,
             },
         }
     })

@@ -23,6 +23,9 @@
 //! the shape: it enters the uncertainty of the scale ([`WeightSet::correlation`]). Where a cell
 //! creeps, the time at which a load came on has an error too ([`creep`]): it is the same in all
 //! readings after it. The error of g is common to everything and is added at the end.
+//!
+//! Where the cell was mounted anew between series ([`iso376`]), each mounting has a zero and a slope of its own. The slope of the
+//! cell is their mean, and their scatter enters its uncertainty: the next mounting will be another.
 
 pub mod causes;
 pub mod conversion;
@@ -31,12 +34,13 @@ mod creep_search;
 pub mod entries;
 mod error;
 pub mod figures;
+pub mod iso376;
 mod least_squares;
 mod reading;
 pub mod weight_set;
 
 pub use error::{GainError, LooksLike};
-pub use reading::{read, Direction, Reading};
+pub use reading::{read, Direction, Reading, CREEP, PRELOAD};
 pub use weight_set::{Class, Tolerance, WeightSet};
 
 use crate::input::Location;
@@ -65,6 +69,9 @@ pub struct Options {
     pub air_buoyancy: f64,
     /// The weights.
     pub weights: WeightSet,
+    /// Where the cord of the weights runs over a pulley: its friction, at most this part of the
+    /// load either way.
+    pub pulley_friction: Option<f64>,
     /// Standard error of the time at which a load came on, s, for readings that do not give their own. A weight that is put
     /// on by hand takes some tenths of a second. It counts where a cell creeps.
     pub load_time_sd_s: f64,
@@ -86,6 +93,7 @@ impl Default for Options {
             gravity_relative_sd: gravity::UNKNOWN_PLACE_SD,
             air_buoyancy: gravity::AIR_BUOYANCY,
             weights: WeightSet::default(),
+            pulley_friction: None,
             load_time_sd_s: 0.1,
             weights_g: WEIGHTS_G.to_vec(),
             nominal_n_per_code: Some(6.85e-6),
@@ -102,11 +110,38 @@ impl Options {
         1e-3 * weight_g * self.gravity_m_per_s2 * (1.0 - self.air_buoyancy)
     }
 
+    /// Relative standard uncertainty of a force by the place: gravity and air.
+    fn place_relative_sd(&self) -> f64 {
+        self.gravity_relative_sd
+            .hypot(gravity::AIR_BUOYANCY_SD * self.air_buoyancy / gravity::AIR_BUOYANCY)
+    }
+
+    /// The same by the pulley: its friction, any within the limit equally likely, and the cord.
+    fn pulley_relative_sd(&self) -> f64 {
+        let of = |friction: f64| friction.hypot(CORD) / 3f64.sqrt();
+        self.pulley_friction.map_or(0.0, of)
+    }
+
+    /// Relative standard uncertainty of the force that a weight puts on the cell.
+    #[must_use]
+    pub fn force_relative_sd(&self, weight_g: f64) -> f64 {
+        self.weights
+            .relative_sd(weight_g)
+            .hypot(self.place_relative_sd())
+            .hypot(self.pulley_relative_sd())
+    }
+
     /// Standard uncertainty of that force by the weight's own error, N.
     fn weight_sd_n(&self, weight_g: f64) -> f64 {
         self.weights.relative_sd(weight_g) * self.force_n(weight_g)
     }
 }
+
+/// Largest repeatability of a cell in order, N and as a part of the largest load: ten times what plain bearings, swinging weights and
+/// poor cells do (docs/calibration.md). Beyond it, something is wrong.
+const LARGEST_SCATTER: (f64, f64) = (0.02, 0.003);
+/// Part of a force that a cord loses that is off the axis of the cell by 2 degrees: 1 - cos 2 degrees.
+const CORD: f64 = 6.1e-4;
 
 /// The largest weight, g: the one that stays on for the creep.
 fn held_g(used: &[Reading]) -> f64 {
@@ -126,6 +161,11 @@ pub enum Term {
     ZeroTime,
     /// Creep, codes per N of crept load.
     Creep,
+    /// Zero of a further mounting (1 or 2) against the first, codes, after the empty cells were
+    /// made equal.
+    MountingZero(u8),
+    /// Slope of a further mounting less the mean of all mountings, codes per N.
+    MountingSlope(u8),
 }
 
 /// A coefficient with its standard error and the p-value of its being zero.
@@ -186,6 +226,30 @@ pub struct UncertaintyParts {
     /// Forces beyond the largest weight: a curve that the readings can't exclude, at
     /// [`LARGEST_FORCE_N`].
     pub beyond: f64,
+    /// The next mounting of the cell, by the scatter of the scale from one to the next; 0 where it
+    /// was mounted once.
+    pub remounting: f64,
+    /// Friction of the pulley and direction of the cord; 0 without a pulley.
+    pub pulley: f64,
+}
+
+impl UncertaintyParts {
+    /// All parts together.
+    #[must_use]
+    pub fn combined(&self) -> f64 {
+        [
+            self.readings,
+            self.weights,
+            self.gravity,
+            self.beyond,
+            self.remounting,
+            self.pulley,
+        ]
+        .iter()
+        .map(|part| part * part)
+        .sum::<f64>()
+        .sqrt()
+    }
 }
 
 /// What the model leaves of one reading.
@@ -207,7 +271,7 @@ pub struct Residual {
 pub const LARGEST_FORCE_N: f64 = 12.0;
 /// Standard deviation of the curve of a cell of which nothing is known, 1/N: half of the curves of
 /// the cells that the correction was made for (docs/calibration/cells.md).
-const CURVE_SD_PER_N: f64 = 4e-3;
+pub const CURVE_SD_PER_N: f64 = 4e-3;
 
 /// Relative standard uncertainty of the force at [`LARGEST_FORCE_N`] from a curve that readings up
 /// to a smaller load don't exclude.
@@ -230,6 +294,25 @@ fn beyond(used: &[Reading], options: &Options, model: &Model, solution: &Solutio
         sd_per_n = (sd_per_n.powi(-2) + seen.powi(-2)).sqrt().recip();
     }
     sd_per_n * (LARGEST_FORCE_N - largest_n).max(0.0)
+}
+
+/// Mountings beside the first, and the relative standard uncertainty of the scale in a further one: the scatter of the scales, and
+/// that of their mean.
+fn remounting(model: &Model, solution: &Solution) -> (usize, f64) {
+    let at = |(i, term): (usize, &Term)| {
+        matches!(term, Term::MountingSlope(_)).then(|| solution.beta[2 + i])
+    };
+    let others: Vec<f64> = model.terms.iter().enumerate().filter_map(at).collect();
+    if others.is_empty() {
+        return (0, 0.0);
+    }
+    // They are against the mean of all, so that the first has what is left.
+    let first = others.iter().sum::<f64>();
+    let squares: f64 = others.iter().map(|c| c * c).sum::<f64>() + first * first;
+    let further = others.len();
+    let scatter = (squares / further as f64).sqrt();
+    let next = (1.0 + 1.0 / (further + 1) as f64).sqrt();
+    (further, (scatter * next / solution.beta[1]).abs())
 }
 
 /// Level at which a further term is taken in, shared out over the candidates.
@@ -293,10 +376,33 @@ fn in_place_of(
     if wrong.iter().all(|entry| entry.likely_g.is_some()) {
         return None;
     }
-    let line = Model::default();
+    let line = Model::of(used);
     let solution = solve(used, options, &line).ok()?;
-    let (found, right) = causes::find(used, options, &line, &solution)?;
-    entries::find(&right, options).is_empty().then_some(found)
+    let straight = causes::find(used, options, &line, &solution)
+        .filter(|(_, right)| entries::find(right, options).is_empty());
+    if let Some((found, _)) = straight {
+        return Some(found);
+    }
+    // On a cell that is curved or creeps, what leaves the line is not all due to the mistake.
+    for term in shapes(used).into_iter().flatten() {
+        let Some((model, solution)) = with(term, used, options, &line, &solution) else {
+            continue;
+        };
+        let shaped = causes::find(used, options, &model, &solution)
+            .filter(|(_, right)| only_shaped(right, options));
+        if let Some((found, _)) = shaped {
+            return Some(found);
+        }
+    }
+    None
+}
+
+/// What a cell may do that leaves a line and that these readings can tell.
+fn shapes(used: &[Reading]) -> [Option<Term>; 2] {
+    [
+        (different_weights(used) >= 4).then_some(Term::Quadratic),
+        creep::can_tell(used).then_some(Term::Creep),
+    ]
 }
 
 /// The model with the terms that are significant, taken in one after the other, and its fit.
@@ -305,7 +411,7 @@ fn select(
     options: &Options,
     candidates: &[Term],
 ) -> Result<(Model, Solution), GainError> {
-    let mut model = Model::default();
+    let mut model = Model::of(used);
     let mut best = solve(used, options, &model)?;
     loop {
         let mut chosen: Option<(f64, Model, Solution)> = None;
@@ -371,18 +477,15 @@ const LARGEST_CREEP: f64 = 0.25;
 /// Whether readings that leave the line leave it because the cell is curved or creeps: with that taken off, none is wrong.
 /// A wrong entry can't pass for a curve: it bends the curve away from all others.
 fn only_shaped(used: &[Reading], options: &Options) -> bool {
-    let Ok(mut best) = solve(used, options, &Model::default()) else {
+    let Ok(mut best) = solve(used, options, &Model::of(used)) else {
         return false;
     };
     let (enough, large, small) = LARGEST_CURVE;
     let weights = different_weights(used);
-    let shapes = [
-        (weights >= 4).then_some(Term::Quadratic),
-        creep::can_tell(used).then_some(Term::Creep),
-    ];
+    let shapes = shapes(used);
     // The curve alone, creep alone, both.
     for chosen in [&shapes[..1], &shapes[1..], &shapes[..]] {
-        let mut model = Model::default();
+        let mut model = Model::of(used);
         let mut fits = false;
         for &term in chosen.iter().flatten() {
             let Some((more, solution)) = with(term, used, options, &model, &best) else {
@@ -487,6 +590,18 @@ fn finish(
             });
         }
     }
+    let sd_n = (solution.repeatability / slope).abs();
+    let limit_n = LARGEST_SCATTER.0 + LARGEST_SCATTER.1 * options.force_n(held_g(used));
+    if sd_n > limit_n {
+        let off_n = |i: usize| solution.residuals[i] / slope;
+        let worst = (0..used.len()).max_by(|&a, &b| off_n(a).abs().total_cmp(&off_n(b).abs()));
+        let worst = worst.unwrap_or_default();
+        return Err(GainError::Scatter {
+            at: used[worst].at.clone(),
+            sd_n,
+            off_n: off_n(worst),
+        });
+    }
     let own = solution.from_readings[(1, 1)];
     // The estimator takes the errors of the weights as independent. With a correlation r, a part r
     // of their variance is of one error that all share.
@@ -495,20 +610,20 @@ fn finish(
         solution.from_shared_weights[1].powi(2),
     );
     let r = options.weights.correlation;
+    let (further, remounting) = remounting(model, solution);
     let parts = UncertaintyParts {
         readings: own.sqrt() / slope.abs(),
         weights: ((1.0 - r) * apart + r * shared).sqrt() / slope.abs(),
-        gravity: options
-            .gravity_relative_sd
-            .hypot(gravity::AIR_BUOYANCY_SD * options.air_buoyancy / gravity::AIR_BUOYANCY),
+        gravity: options.place_relative_sd(),
         beyond: beyond(used, options, model, solution),
+        remounting,
+        pulley: options.pulley_relative_sd(),
     };
-    let relative = (parts.readings.powi(2)
-        + parts.weights.powi(2)
-        + parts.gravity.powi(2)
-        + parts.beyond.powi(2))
-    .sqrt();
-    let dof = solution.dof as f64 * (relative / parts.readings).powi(4);
+    let relative = parts.combined();
+    // Welch and Satterthwaite (GUM G.4).
+    let dof = relative.powi(4)
+        / (parts.readings.powi(4) / solution.dof as f64
+            + parts.remounting.powi(4) / further.max(1) as f64);
     let coverage = stats::student_quantile(0.975, dof);
     let sd_of = |r: &Reading| {
         let weight = options.weight_sd_n(r.weight_g) * slope;

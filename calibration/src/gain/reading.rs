@@ -1,8 +1,8 @@
 //! The readings of a series of weights, and what can't be used among them.
 
 use super::{GainError, Options, Tolerance};
-use crate::gravity;
 use crate::input::{InputError, Location, Row, Table};
+use crate::{gravity, stats};
 
 /// Whether a weight was put on or taken off to come to this load.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -34,10 +34,18 @@ pub struct Reading {
     pub since_sd_s: Option<f64>,
     /// Temperature of the cell, degrees Celsius, where a sensor gives it.
     pub temperature_c: Option<f64>,
+    /// Series of [`super::iso376`] that it belongs to: [`PRELOAD`], 1 to 6 as in the standard, or
+    /// [`CREEP`]. `None`: the readings are of no such procedure.
+    pub series: Option<u8>,
 }
 
+/// Series of the preloads, which count in no fit.
+pub const PRELOAD: u8 = 0;
+/// Series of the load that stays on at last.
+pub const CREEP: u8 = 7;
+
 /// Columns that a table of readings may have.
-const COLUMNS: [&str; 8] = [
+const COLUMNS: [&str; 9] = [
     "weight_g",
     "code",
     "standard_error",
@@ -46,10 +54,12 @@ const COLUMNS: [&str; 8] = [
     "since_s",
     "since_sd_s",
     "temperature_c",
+    "series",
 ];
 
 /// Reads a table with the columns `weight_g`, `code`, `standard_error` (codes) and, where known, `direction`
-/// (`loading` or `unloading`), `time_s`, `since_s`, `since_sd_s`, `temperature_c`. `file` is the name that errors give.
+/// (`loading` or `unloading`), `time_s`, `since_s`, `since_sd_s`, `temperature_c`, `series` (0 to 7, see
+/// [`super::iso376`]). `file` is the name that errors give.
 /// Without `standard_error`, the scatter of the readings of one weight stands for it.
 ///
 /// # Errors
@@ -66,6 +76,7 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
     let since = table.find("since_s");
     let since_sd = table.find("since_sd_s");
     let temperature = table.find("temperature_c");
+    let series = table.find("series");
     if let Some(column) = temperature {
         let blank = |row: &&Row| table.text(row, column).is_empty();
         // The temperature would count for no reading at all then, without a word.
@@ -126,6 +137,22 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
                 since_s: table.optional_number(row, since)?,
                 since_sd_s,
                 temperature_c: table.optional_number(row, temperature)?,
+                series: match table.optional_number(row, series)? {
+                    None => None,
+                    Some(number)
+                        if number.fract() == 0.0 && (0.0..=f64::from(CREEP)).contains(&number) =>
+                    {
+                        Some(number as u8)
+                    }
+                    Some(_) => {
+                        let column = series.unwrap_or_default();
+                        return Err(table.bad_value(
+                            row,
+                            column,
+                            "a series is 0 (preload), 1 to 6, or 7 (creep)",
+                        ));
+                    }
+                },
             })
         })
         .collect();
@@ -190,6 +217,7 @@ pub(super) fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Read
     for (name, value) in [
         ("gravity_relative_sd", options.gravity_relative_sd),
         ("air_buoyancy", options.air_buoyancy),
+        ("pulley_friction", options.pulley_friction.unwrap_or(0.0)),
         ("tolerance", tolerance),
     ] {
         if !(0.0..0.1).contains(&value) {
@@ -211,7 +239,8 @@ pub(super) fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Read
     }
     let mut used = Vec::new();
     for reading in readings {
-        if options.left_out.contains(&reading.at.line) {
+        let preload = reading.series == Some(PRELOAD);
+        if preload || options.left_out.contains(&reading.at.line) {
             continue;
         }
         let mut reading = reading.clone();
@@ -254,6 +283,7 @@ pub(super) fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Read
         used.push(reading);
     }
     no_copies(&used)?;
+    level(&mut used);
     let weights = different_weights(&used);
     if used.len() < 3 || weights < 3 {
         return Err(GainError::TooFew {
@@ -287,6 +317,30 @@ fn no_copies(readings: &[Reading]) -> Result<(), GainError> {
         }
     }
     Ok(())
+}
+
+/// Takes the steps of the zero from one mounting of the cell to the next off the codes: they are no mistake of the readings. What the
+/// empty cells don't tell exactly is a column of the fit.
+fn level(used: &mut [Reading]) {
+    let empty = |used: &[Reading], mounting: u8| {
+        let codes = used.iter().filter(|r| r.weight_g == 0.0);
+        let codes: Vec<f64> = codes
+            .filter(|r| r.mounting() == mounting)
+            .map(|r| r.code)
+            .collect();
+        Some(stats::median(&codes)).filter(|code| code.is_finite())
+    };
+    let Some(first) = empty(used, 0) else {
+        return;
+    };
+    for mounting in [1, 2] {
+        let Some(code) = empty(used, mounting) else {
+            continue;
+        };
+        for reading in used.iter_mut().filter(|r| r.mounting() == mounting) {
+            reading.code += first - code;
+        }
+    }
 }
 
 /// How many different weights there are, the empty cell counted.

@@ -9,6 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 mod causes;
+mod variants;
 
 const CODES_PER_N: f64 = 146_000.0;
 const ZERO: f64 = 81_000.0;
@@ -45,6 +46,7 @@ fn series(
                 since_s: None,
                 since_sd_s: None,
                 temperature_c: None,
+                series: None,
             });
         }
     }
@@ -510,6 +512,7 @@ proptest! {
                 since_s: None,
                 since_sd_s: None,
                 temperature_c: None,
+                series: None,
             })
             .collect();
         if let Ok(gain) = fit(&readings, &Options { nominal_n_per_code: None, ..options() }) {
@@ -584,6 +587,7 @@ fn creeping(seed: u64, curve: f64, share: f64, tau_s: f64, hold: usize) -> Vec<R
             since_s: Some(since),
             since_sd_s: None,
             temperature_c: None,
+            series: None,
         });
     }
     out

@@ -152,6 +152,50 @@ pub struct WeightsRecord {
     pub serial: String,
 }
 
+/// The temperature of the cell while its gain was measured, and what it changes, where the readings tell.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TemperatureRecord {
+    /// Lowest, degrees Celsius.
+    pub from_c: f64,
+    /// Highest, degrees Celsius.
+    pub to_c: f64,
+    /// Relative change of the scale (N per code) with each kelvin above the mean; 0: not seen.
+    pub scale_per_k: f64,
+    /// Its standard uncertainty; 0 where it was not looked for.
+    pub scale_per_k_sd: f64,
+    /// Change of the zero, N/K; 0: not seen.
+    pub zero_n_per_k: f64,
+    /// Its standard uncertainty; 0 where it was not looked for.
+    pub zero_n_per_k_sd: f64,
+}
+
+/// The figures of the procedure of ISO 376 ([`crate::gain::iso376`]), relative to the force.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Iso376Record {
+    /// The class that results: `00`, `0.5`, `1` or `2`; empty: none.
+    pub class: String,
+    /// Smallest force of the class, N.
+    pub from_n: f64,
+    /// Largest, N.
+    pub to_n: f64,
+    /// Figures that keep the cell from the next better class.
+    pub in_the_way: Vec<String>,
+    /// Zero error f0, the largest of the series, with its sign.
+    pub zero: f64,
+    /// Creep c from 30 to 300 s; none where it was not measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub creep: Option<f64>,
+    /// Resolution, N.
+    pub resolution_n: f64,
+    /// Degree of the interpolation.
+    pub degree: u8,
+    /// Of each load: force (N), b, b', fc, v, expanded uncertainty (k = 2) of the calibrating force, and of a force by the
+    /// cell.
+    pub loads: Vec<[f64; 7]>,
+}
+
 /// How good the fit of a gain was.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -168,8 +212,14 @@ pub struct GainRecord {
     pub weights_sd: f64,
     /// from gravity and air,
     pub gravity_sd: f64,
-    /// and from what the largest weight leaves open beyond it.
+    /// from what the largest weight leaves open beyond it,
     pub beyond_sd: f64,
+    /// from the next mounting of the cell,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub remounting_sd: f64,
+    /// and from a pulley.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub pulley_sd: f64,
     /// Repeatability beyond the readings' own standard errors, N (standard deviation).
     pub repeatability_n: f64,
     /// Chi-square of the fit without repeatability.
@@ -191,13 +241,45 @@ pub struct GainRecord {
     /// Remarks.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub note: String,
+    /// How the weights loaded the cell, in words; empty: nobody said.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub loading: String,
     /// Load (N), residual and its expected standard deviation (mN) of each reading.
     pub residuals: Vec<[f64; 3]>,
     /// The weights.
     pub weights: WeightsRecord,
+    /// Temperature; none where nobody said and no sensor gave it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature: Option<TemperatureRecord>,
+    /// The figures of ISO 376, where its procedure was followed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub iso376: Option<Iso376Record>,
 }
 
 impl GainRecord {
+    /// Relative standard uncertainties of the scale with their names.
+    #[must_use]
+    pub fn budget(&self) -> [(&'static str, f64); 6] {
+        [
+            ("readings (A)", self.readings_sd),
+            ("next mounting (A)", self.remounting_sd),
+            ("weights (B)", self.weights_sd),
+            ("gravity, air (B)", self.gravity_sd),
+            ("pulley (B)", self.pulley_sd),
+            ("beyond the weights (B)", self.beyond_sd),
+        ]
+    }
+
+    /// All of them together.
+    #[must_use]
+    pub fn combined_sd(&self) -> f64 {
+        self.budget()
+            .iter()
+            .map(|(_, sd)| sd * sd)
+            .sum::<f64>()
+            .sqrt()
+    }
+
     /// Standard uncertainty of a force on the cell from its hysteresis, N. The scale goes through
     /// the middle of the loop, and any place in it is as likely as another: a rectangle as wide as
     /// the loop. 0 where the readings show none.
@@ -436,6 +518,8 @@ impl Record {
                     gain.weights_sd,
                     gain.gravity_sd,
                     gain.beyond_sd,
+                    gain.remounting_sd,
+                    gain.pulley_sd,
                     gain.repeatability_n,
                     gain.chi_square,
                     gain.hysteresis_se_n,
@@ -443,7 +527,16 @@ impl Record {
                     gain.weights.correlation,
                 ];
                 let signed = [gain.linearity_n, gain.hysteresis_n];
-                let residuals = gain.residuals.iter().flatten();
+                let warm = gain.temperature.unwrap_or_default();
+                let warm = [warm.from_c, warm.to_c, warm.scale_per_k, warm.zero_n_per_k];
+                let standard = gain.iso376.iter();
+                let standard = standard.flat_map(|iso| {
+                    let whole = [iso.from_n, iso.to_n, iso.zero, iso.resolution_n];
+                    let loads = iso.loads.iter().flatten().copied();
+                    whole.into_iter().chain(iso.creep).chain(loads)
+                });
+                let further: Vec<f64> = warm.into_iter().chain(standard).collect();
+                let residuals = gain.residuals.iter().flatten().chain(&further);
                 let sound = numbers.iter().all(|v| *v >= 0.0 && v.is_finite())
                     && signed.iter().chain(residuals).all(|v| v.is_finite());
                 if !sound {

@@ -3,10 +3,12 @@
 use crate::scene::normal as gauss;
 use crate::tally::Tally;
 use crate::{GRAVITY_SD, WEIGHT_LIMIT};
-use calibration::gain::{self, Direction, Gain, Reading, Tolerance, WeightSet, WEIGHTS_G};
+use calibration::gain::{
+    self, Direction, Gain, Reading, Tolerance, UncertaintyParts, WeightSet, WEIGHTS_G,
+};
 use calibration::input::Location;
 use calibration::zero::{self, Limits};
-use calibration::{gravity, STANDARD_GRAVITY_M_PER_S2};
+use calibration::{gravity, stats, STANDARD_GRAVITY_M_PER_S2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -16,6 +18,8 @@ struct Cell {
     n_per_code: f64,
     noise_sd_n: f64,
     zero_code: f64,
+    /// Curve, 1/N.
+    curve_per_n: f64,
 }
 
 /// Errors of gains and zeros.
@@ -23,6 +27,10 @@ struct Cell {
 pub struct CellFigures {
     /// Relative error of the gain.
     pub gain: Tally,
+    /// The same with intervals that allow for nothing beyond the largest weight.
+    pub gain_within: Tally,
+    /// Relative error of a force of 12 N on a cell whose curve is drawn from what the fit assumes of cells: one cell a draw.
+    pub gain_beyond: Tally,
     /// Error of the zero, N.
     pub zero: Tally,
     /// Series in which an entry was called wrong, though none was.
@@ -42,6 +50,8 @@ pub fn cells(draws: u64) -> CellFigures {
     for draw in 0..draws {
         let mut rng = ChaCha8Rng::seed_from_u64(0xCE11 + draw);
         out.gain.new_draw();
+        out.gain_within.new_draw();
+        out.gain_beyond.new_draw();
         out.zero.new_draw();
         // One set of weights and one place for all units.
         let weights: Vec<f64> = WEIGHTS_G
@@ -58,12 +68,16 @@ pub fn cells(draws: u64) -> CellFigures {
                 noise_sd_n: rng.random_range(0.0017..0.005),
                 // Converter's offset and the weight of motor and rack, up to 5 N either way.
                 zero_code: rng.random_range(-5.0..5.0) / n_per_code,
+                curve_per_n: 0.0,
             };
             match gain::fit(&series(&cell, &weights, gravity, &mut rng), &gain_options()) {
                 Ok(found) => {
                     let error = found.n_per_code - cell.n_per_code;
                     out.gain.add(error.abs() / cell.n_per_code);
                     out.gain.interval(error.abs() < found.n_per_code_half_95);
+                    out.gain_within.add(error.abs() / cell.n_per_code);
+                    let half = half_95_within(&found) * cell.n_per_code;
+                    out.gain_within.interval(error.abs() < half);
                     *gain = Some((found, cell.n_per_code));
                 }
                 Err(_) => {
@@ -90,10 +104,43 @@ pub fn cells(draws: u64) -> CellFigures {
                 }
             }
         }
+        curved(&weights, gravity, &mut rng, &mut out.gain_beyond);
         out.gains.push(gains);
         out.zeros.push(zeros);
     }
     out
+}
+
+/// Half of the 95 % interval of a scale, relative, without the part for forces beyond the largest weight.
+fn half_95_within(gain: &Gain) -> f64 {
+    let parts = UncertaintyParts {
+        beyond: 0.0,
+        ..gain.relative_parts
+    };
+    let relative = parts.combined();
+    let dof = gain.degrees_of_freedom as f64 * (relative / parts.readings).powi(4);
+    stats::student_quantile(0.975, dof) * relative
+}
+
+/// A force of 12 N by a cell that is curved by as much as the fit assumes of cells.
+fn curved(weights: &[f64], gravity: f64, rng: &mut ChaCha8Rng, out: &mut Tally) {
+    let n_per_code = rng.random_range(6.2e-6..7.3e-6);
+    let cell = Cell {
+        n_per_code,
+        noise_sd_n: rng.random_range(0.0017..0.005),
+        zero_code: rng.random_range(-5.0..5.0) / n_per_code,
+        curve_per_n: gain::CURVE_SD_PER_N * gauss(rng),
+    };
+    let largest = gain::LARGEST_FORCE_N;
+    let code = largest * (1.0 + cell.curve_per_n * largest) / n_per_code;
+    match gain::fit(&series(&cell, weights, gravity, rng), &gain_options()) {
+        Ok(found) => {
+            let error = (found.force_n(code) / largest - 1.0).abs();
+            out.add(error);
+            out.interval(error < found.n_per_code_half_95 / found.n_per_code);
+        }
+        Err(_) => out.refused(),
+    }
 }
 
 /// What the errors of a set of weights are in truth.
@@ -139,6 +186,7 @@ pub fn sets(draws: u64, errors: SetErrors, correlation: f64) -> Tally {
             n_per_code,
             noise_sd_n: rng.random_range(0.0017..0.005),
             zero_code: rng.random_range(-5.0..5.0) / n_per_code,
+            curve_per_n: 0.0,
         };
         let in_air = STANDARD_GRAVITY_M_PER_S2 * (1.0 - gravity::AIR_BUOYANCY);
         match gain::fit(&series(&cell, &masses, in_air, &mut rng), &options) {
@@ -182,13 +230,14 @@ fn series(cell: &Cell, weights: &[f64], gravity: f64, rng: &mut ChaCha8Rng) -> V
                     line: out.len() + 2,
                 },
                 weight_g: WEIGHTS_G[i],
-                code: cell.zero_code + force / cell.n_per_code,
+                code: cell.zero_code + force * (1.0 + cell.curve_per_n * force) / cell.n_per_code,
                 standard_error_codes: se_n / cell.n_per_code,
                 direction: Some(direction),
                 time_s: None,
                 since_s: None,
                 since_sd_s: None,
                 temperature_c: None,
+                series: None,
             });
         }
     }
@@ -261,6 +310,7 @@ pub fn pay_outs(draws: u64) -> PayOutFigures {
             n_per_code,
             noise_sd_n: rng.random_range(0.0017..0.005),
             zero_code: rng.random_range(-5.0..5.0) / n_per_code,
+            curve_per_n: 0.0,
         };
         let mm_per_n = rng.random_range(0.05..0.2);
         let drift_n = rng.random_range(-0.005..0.005);

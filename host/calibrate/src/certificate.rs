@@ -2,8 +2,8 @@
 
 use crate::picture::{bars, Bar};
 use calibration::gravity;
-use calibration::record::{GainRecord, Record, UnitRecord};
-use known::checks::{Check, Validity};
+use calibration::record::{GainRecord, Iso376Record, Record, TemperatureRecord, UnitRecord};
+use known::checks::{self, Check, Validity};
 use std::fmt::Write as _;
 
 /// Text that holds no markup.
@@ -40,7 +40,7 @@ fn table(out: &mut String, head: &[&str], rows: &[Vec<String>]) {
 
 const STYLE: &str =
     "body{font-family:sans-serif;font-size:10pt;max-width:19cm;margin:1cm auto;color:#111}\
-h1{font-size:16pt}h2{font-size:12pt;margin-top:1.4em}table{border-collapse:collapse;width:100%}\
+h1{font-size:16pt}h2{font-size:12pt;margin-top:1.4em}table{border-collapse:collapse;width:100%;font-size:8pt;margin-bottom:6px}\
 th,td{border:1px solid #999;padding:2px 6px;text-align:right}th{background:#eee}\
 td:first-child,th:first-child{text-align:left}svg{width:100%;height:auto}\
 section{break-inside:avoid}@media print{body{margin:0}}";
@@ -86,7 +86,7 @@ pub fn html(record: &Record, version: &str, checks: &[Check], today: &str) -> St
     );
     let _ = writeln!(
         out,
-        "<h2>Method</h2><p>Known weights load each cell in rising and falling series. Generalised least squares give the scale, and where the readings show them a curve and creep. Force of a weight: mass times local gravity times (1 &minus; {:.2e}) for the air. Uncertainties follow the GUM; U is of 95 % (Student's t with effective degrees of freedom). The weights refer to their conventional mass. Temperature is not recorded.</p>",
+        "<h2>Method</h2><p>Known weights load each cell in rising and falling series. Generalised least squares give the scale, and where the readings show them a curve and creep. Force of a weight: mass times local gravity times (1 &minus; {:.2e}) for the air. Uncertainties follow the GUM; U is of 95 % (Student's t with effective degrees of freedom). The weights refer to their conventional mass. A force lies within the hysteresis of its cell as well: see the budget. Chi-squared counts with the noise of each reading alone; where it is above its degrees of freedom, the repeatability stands for the rest.</p>",
         gravity::AIR_BUOYANCY
     );
     let measured: Vec<(&UnitRecord, &GainRecord)> = (record.units.iter())
@@ -94,8 +94,10 @@ pub fn html(record: &Record, version: &str, checks: &[Check], today: &str) -> St
         .filter(|(unit, _)| !unit.gain_date.is_empty())
         .collect();
     results(&mut out, record);
+    iso376(&mut out, &measured);
     budget(&mut out, &measured);
     traceability(&mut out, &measured);
+    conditions(&mut out, record, &measured);
     checked(&mut out, checks);
     out.push_str("<h2>Residuals</h2>\n");
     for (unit, gain) in &measured {
@@ -208,16 +210,9 @@ fn budget(out: &mut String, measured: &[(&UnitRecord, &GainRecord)]) {
     );
     let rows: Vec<Vec<String>> = (measured.iter())
         .map(|(unit, gain)| {
-            let parts = [
-                gain.readings_sd,
-                gain.weights_sd,
-                gain.gravity_sd,
-                gain.beyond_sd,
-            ];
-            let combined = parts.iter().map(|p| p * p).sum::<f64>().sqrt();
             let mut row = vec![unit.number.to_string()];
-            row.extend(parts.map(|p| format!("{:.4}", 100.0 * p)));
-            row.push(format!("{:.4}", 100.0 * combined));
+            row.extend(gain.budget().map(|(_, sd)| format!("{:.4}", 100.0 * sd)));
+            row.push(format!("{:.4}", 100.0 * gain.combined_sd()));
             row.push(format!("{:.4}", 100.0 * gain.half_95_relative));
             row.push(format!("{:.1}", 1e3 * gain.hysteresis_sd_n()));
             row.push(format!(
@@ -227,21 +222,147 @@ fn budget(out: &mut String, measured: &[(&UnitRecord, &GainRecord)]) {
             row
         })
         .collect();
+    let Some((_, first)) = measured.first() else {
+        return;
+    };
+    let mut head = vec!["unit"];
+    head.extend(first.budget().map(|(name, _)| name));
+    head.extend([
+        "combined",
+        "U, 95 %",
+        "of a force: hysteresis, mN (B)",
+        "chi-squared / dof",
+    ]);
+    table(out, &head, &rows);
+}
+
+/// The temperature of a gain in words.
+#[must_use]
+pub fn temperature(warm: &TemperatureRecord) -> String {
+    let at = if warm.from_c == warm.to_c {
+        format!("{:.1} degrees Celsius", warm.from_c)
+    } else {
+        format!("{:.1} to {:.1} degrees Celsius", warm.from_c, warm.to_c)
+    };
+    let term =
+        |value: f64, sd: f64, unit: &str| format!("{value:+.4} +- {:.4} {unit} per K", 2.0 * sd);
+    let mut found = Vec::new();
+    if warm.scale_per_k_sd > 0.0 {
+        found.push(format!(
+            "scale {}",
+            term(100.0 * warm.scale_per_k, 100.0 * warm.scale_per_k_sd, "%")
+        ));
+    }
+    if warm.zero_n_per_k_sd > 0.0 {
+        found.push(format!(
+            "zero {}",
+            term(1e3 * warm.zero_n_per_k, 1e3 * warm.zero_n_per_k_sd, "mN")
+        ));
+    }
+    if found.is_empty() {
+        // The fit looks for a change from 2 K on.
+        let seen = if warm.to_c - warm.from_c < 2.0 {
+            "too small a range to show a change"
+        } else {
+            "the readings show no change with temperature"
+        };
+        format!("{at}; {seen}")
+    } else {
+        format!(
+            "{at}; {}; the rig reads no temperature, and does not correct it",
+            found.join(", ")
+        )
+    }
+}
+
+/// Conditions of the measurements.
+fn conditions(out: &mut String, record: &Record, measured: &[(&UnitRecord, &GainRecord)]) {
+    out.push_str("<h2>Conditions</h2>\n");
+    let rows: Vec<Vec<String>> = (measured.iter())
+        .map(|(unit, gain)| {
+            let warm = gain.temperature.as_ref().map(temperature);
+            vec![
+                unit.number.to_string(),
+                or_dash(&gain.loading),
+                warm.map_or_else(|| "not recorded".to_owned(), |text| plain(&text)),
+            ]
+        })
+        .collect();
+    table(out, &["unit", "loading of the cell", "temperature"], &rows);
+    if let Some(void) = checks::geometry_void(record) {
+        let _ = writeln!(out, "<p>{}</p>", plain(&void));
+    }
+}
+
+/// The figures of ISO 376, where its procedure was followed.
+fn iso376(out: &mut String, measured: &[(&UnitRecord, &GainRecord)]) {
+    let of = |unit: &UnitRecord, gain: &GainRecord| Some((unit.number, gain.iso376.clone()?));
+    let found: Vec<(u8, Iso376Record)> = measured
+        .iter()
+        .filter_map(|(unit, gain)| of(unit, gain))
+        .collect();
+    if found.is_empty() {
+        return;
+    }
+    out.push_str("<h2>Figures by ISO 376</h2>\n<p>Three preloads, two rising series in one position, a rising and a falling series in each of two further positions, creep from 30 to 300 s. b: reproducibility, b': repeatability, fc: interpolation, v: reversibility, f0: zero, c: creep; in percent of the force, f0 and c of the largest. U is of k = 2. A class holds where every figure is within its limits, for rising and falling forces; the limits of the class hold for the calibrating force too.</p>\n");
+    let percent = |value: f64| format!("{:.4}", 100.0 * value);
+    let rows: Vec<Vec<String>> = (found.iter())
+        .map(|(unit, iso)| {
+            let class = if iso.class.is_empty() {
+                "none".to_owned()
+            } else {
+                format!(
+                    "<b>{}</b> from {:.2} to {:.2} N",
+                    iso.class, iso.from_n, iso.to_n
+                )
+            };
+            vec![
+                unit.to_string(),
+                class,
+                percent(iso.zero),
+                iso.creep.map_or_else(|| "&ndash;".to_owned(), percent),
+                format!("{:.2}", 1e3 * iso.resolution_n),
+                iso.degree.to_string(),
+                or_dash(&iso.in_the_way.join(", ")),
+            ]
+        })
+        .collect();
     table(
         out,
         &[
             "unit",
-            "readings (A)",
-            "weights (B)",
-            "gravity, air (B)",
-            "beyond the weights (B)",
-            "combined",
-            "U, 95 %",
-            "of a force: hysteresis, mN (B)",
-            "chi-squared / dof",
+            "class",
+            "f0",
+            "c",
+            "resolution, mN",
+            "degree of the interpolation",
+            "beyond the next better class",
         ],
         &rows,
     );
+    for (unit, iso) in &found {
+        let rows: Vec<Vec<String>> = (iso.loads.iter())
+            .map(|[force_n, parts @ ..]| {
+                let mut row = vec![unit.to_string(), format!("{force_n:.4}")];
+                row.extend(parts.map(percent));
+                row
+            })
+            .collect();
+        table(
+            out,
+            &[
+                "unit",
+                "force, N",
+                "b",
+                "b'",
+                "fc",
+                "v",
+                "U of the calibrating force",
+                "U",
+            ],
+            &rows,
+        );
+    }
 }
 
 fn traceability(out: &mut String, measured: &[(&UnitRecord, &GainRecord)]) {
@@ -330,6 +451,7 @@ mod tests {
         let mut record = base::nominal(&Rig::built_in().unwrap(), "2026-03-01");
         record.valid_days = 365;
         let unit = &mut record.units[2];
+        unit.geometry_date = "2026-02-20".to_owned();
         unit.gain_date = "2026-03-01".to_owned();
         unit.cell_serial = "SBA-0713".to_owned();
         unit.gain = Some(GainRecord {
@@ -340,6 +462,8 @@ mod tests {
             weights_sd: 9e-5,
             gravity_sd: 5e-5,
             beyond_sd: 6e-5,
+            remounting_sd: 2e-4,
+            pulley_sd: 0.0,
             repeatability_n: 9e-4,
             chi_square: 41.2,
             degrees_of_freedom: 29,
@@ -349,6 +473,7 @@ mod tests {
             gravity_m_per_s2: 9.80926,
             operator: "R. <b>Hooke".to_owned(),
             note: String::new(),
+            loading: "dismounted, axis upright".to_owned(),
             residuals: vec![[0.0, 0.4, 1.0], [9.8, -0.2, 1.1]],
             weights: WeightsRecord {
                 tolerance: "OIML class M2".to_owned(),
@@ -356,6 +481,24 @@ mod tests {
                 certificate: "K-2026-117".to_owned(),
                 serial: "4711".to_owned(),
             },
+            temperature: Some(TemperatureRecord {
+                from_c: 21.5,
+                to_c: 24.0,
+                scale_per_k: 2e-5,
+                scale_per_k_sd: 1e-5,
+                ..TemperatureRecord::default()
+            }),
+            iso376: Some(Iso376Record {
+                class: "0.5".to_owned(),
+                from_n: 0.98,
+                to_n: 9.8,
+                in_the_way: vec!["creep c".to_owned()],
+                zero: -1e-4,
+                creep: Some(4.1e-4),
+                resolution_n: 1e-4,
+                degree: 1,
+                loads: vec![[9.8, 4.2e-4, 1.1e-4, -2.3e-5, 0.0, 1e-4, 5.6e-4]],
+            }),
         });
         let check = Check {
             date: "2026-04-01".to_owned(),
@@ -381,8 +524,14 @@ mod tests {
             "does not hold",
             "version 0004",
             "<svg",
-            // 4, 9, 5 and 6 e-5 together.
-            "<td>0.0126</td>",
+            // 4, 9, 5, 6 and 20 e-5 together.
+            "<td>0.0236</td>",
+            "<b>0.5</b> from 0.98 to 9.80 N",
+            "<td>0.0420</td><td>0.0110</td><td>-0.0023</td>",
+            "<td>0.0410</td>",
+            "creep c",
+            "21.5 to 24.0 degrees Celsius; scale +0.0020 +- 0.0020 % per K; the rig reads no temperature",
+            "dismounted for its gain after its geometry",
         ] {
             assert!(page.contains(text), "`{text}` is missing");
         }

@@ -40,6 +40,11 @@ pub enum Mistake {
     Bump(String, f64),
     /// The cable of this unit pulls with so many N until it is paid out: `preload=3:0.8`.
     Preload(u8, f64),
+    /// The loop of this unit's cell is so many mN wide: `hysteresis=3:8`. See [`Cells`].
+    Hysteresis(u8, f64),
+    /// The scale of this unit's cell scatters by so many percent from one mounting to the next
+    /// (standard deviation): `remount=3:0.05`. See [`Cells`].
+    Remount(u8, f64),
 }
 
 impl FromStr for Mistake {
@@ -47,7 +52,7 @@ impl FromStr for Mistake {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || {
-            format!("`{text}` is no mistake of a stand-in; known are weight=ASKED:HUNG (g, as in weight=50:500), bump=STATION:MM (as in bump=B:3) and preload=UNIT:N (as in preload=3:0.8)")
+            format!("`{text}` is no mistake of a stand-in; known are weight=ASKED:HUNG (g, as in weight=50:500), bump=STATION:MM (as in bump=B:3), preload=UNIT:N (as in preload=3:0.8), and for --iso-376 hysteresis=UNIT:MN (as in hysteresis=3:8) and remount=UNIT:PERCENT (as in remount=3:0.05)")
         };
         let (kind, rest) = text.split_once('=').ok_or_else(wrong)?;
         let (first, second) = rest.split_once(':').ok_or_else(wrong)?;
@@ -61,6 +66,15 @@ impl FromStr for Mistake {
             "weight" => Ok(Self::Weight(number(first)?, number(second)?)),
             "preload" => match (first.parse(), number(second)?) {
                 (Ok(unit @ 1..=6), n) if n <= 12.0 => Ok(Self::Preload(unit, n)),
+                _ => Err(wrong()),
+            },
+            "hysteresis" | "remount" => match (first.parse(), number(second)?) {
+                (Ok(unit @ 1..=6), n) if kind == "hysteresis" && n <= 500.0 => {
+                    Ok(Self::Hysteresis(unit, n))
+                }
+                (Ok(unit @ 1..=6), n) if kind == "remount" && n <= 2.0 => {
+                    Ok(Self::Remount(unit, n))
+                }
                 _ => Err(wrong()),
             },
             "bump" if !first.is_empty() => Ok(Self::Bump(first.to_owned(), number(second)?)),
@@ -87,7 +101,7 @@ impl Weights {
                 .iter()
                 .filter_map(|m| match m {
                     Mistake::Weight(asked, hung) => Some((*asked, *hung)),
-                    Mistake::Bump(..) | Mistake::Preload(..) => None,
+                    _ => None,
                 })
                 .collect(),
         }
@@ -105,6 +119,73 @@ impl Weights {
         let error = 0.5 * (own.uniform(-1.0, 1.0) + set.uniform(-1.0, 1.0));
         let mass_g = hung + error * CLASS.limit_g(hung);
         1e-3 * mass_g * gravity::STANDARD_M_PER_S2 * (1.0 - gravity::AIR_BUOYANCY)
+    }
+}
+
+/// Load cells that are taken out and mounted anew, with what the plant's cells don't have: a loop between rising and falling loads,
+/// and a scale and a zero that are others with each mounting. A cell of the plant is pulled with what such a cell would feel.
+///
+/// Sizes are drawn by the rig's seed: loops of up to 10 mN, scales that scatter by up to 0.03 %, and zeros by up to 10 mN. These are
+/// small S-shaped cells of 0.1 % (estimates). Creep is the plant's (`[[effects]]` with `kind = "creep"`).
+#[derive(Debug, Clone)]
+pub struct Cells {
+    seed: u64,
+    loop_n: [f64; 6],
+    remount_sd: [f64; 6],
+    mounting: u16,
+    peak_n: [f64; 6],
+}
+
+impl Cells {
+    /// The cells of a rig's seed.
+    #[must_use]
+    pub fn new(seed: u64, mistakes: &[Mistake]) -> Self {
+        let mut draw = SplitMix64::stream(seed, "cells mounted anew", 0);
+        let mut out = Self {
+            seed,
+            loop_n: std::array::from_fn(|_| draw.uniform(0.0, 0.01)),
+            remount_sd: std::array::from_fn(|_| draw.uniform(0.0, 3e-4)),
+            mounting: 0,
+            peak_n: [0.0; 6],
+        };
+        for mistake in mistakes {
+            match *mistake {
+                Mistake::Hysteresis(unit, mn) => out.loop_n[usize::from(unit) - 1] = 1e-3 * mn,
+                Mistake::Remount(unit, part) => {
+                    out.remount_sd[usize::from(unit) - 1] = 0.01 * part;
+                }
+                _ => {}
+            }
+        }
+        out
+    }
+
+    /// The cells are taken out and mounted in another position (degrees).
+    pub fn turn(&mut self, degrees: u16) {
+        self.mounting = degrees;
+        self.peak_n = [0.0; 6];
+    }
+
+    /// Scale of a unit's cell in the present mounting against the mean, and its zero, N: for tests too.
+    #[must_use]
+    pub fn mounting(&self, unit: u8) -> (f64, f64) {
+        let stream = 1000 * usize::from(unit) + usize::from(self.mounting);
+        let mut draw = SplitMix64::stream(self.seed, "a mounting", stream);
+        let scale = self.remount_sd[usize::from(unit) - 1] * draw.normal_within(FURTHEST);
+        (scale, draw.uniform(0.0, 0.01))
+    }
+
+    /// What the cell of a unit feels under a load, N. The loop opens on the way down from the largest load since the cell was empty.
+    pub fn feels_n(&mut self, unit: u8, load_n: f64) -> f64 {
+        let peak = &mut self.peak_n[usize::from(unit) - 1];
+        *peak = if load_n == 0.0 { 0.0 } else { peak.max(load_n) };
+        let open = if *peak > 0.0 {
+            4.0 * self.loop_n[usize::from(unit) - 1] * load_n * (*peak - load_n) / (*peak * *peak)
+        } else {
+            0.0
+        };
+        let (scale, zero_n) = self.mounting(unit);
+        zero_n + (load_n + open) * (1.0 + scale)
     }
 }
 
@@ -260,6 +341,8 @@ mod tests {
             "weight=50:-1",
             "preload=7:1",
             "preload=3:40",
+            "hysteresis=0:4",
+            "remount=3:5",
             "",
         ] {
             let told = bad.parse::<Mistake>().unwrap_err();
@@ -271,6 +354,35 @@ mod tests {
         assert!((wrong / 4.903 - 1.0).abs() < 2e-3 && (right / 0.4903 - 1.0).abs() < 2e-3);
         assert_eq!(right, weights.force_n(50.0));
         assert_eq!(weights.force_n(0.0), 0.0);
+    }
+
+    #[test]
+    fn a_cell_has_a_loop_and_another_scale_in_each_mounting() {
+        let given = [
+            "hysteresis=3:8".parse().unwrap(),
+            "remount=3:0.1".parse().unwrap(),
+        ];
+        let mut cells = Cells::new(7, &given);
+        let (scale, zero) = cells.mounting(3);
+        let up = cells.feels_n(3, 4.9);
+        assert!((up - zero - 4.9 * (1.0 + scale)).abs() < 1e-12);
+        let _ = cells.feels_n(3, 9.8);
+        // The loop is widest in the middle.
+        let down = cells.feels_n(3, 4.9);
+        assert!((down - up - 8e-3 * (1.0 + scale)).abs() < 1e-12);
+        assert_eq!(cells.feels_n(3, 0.0), zero);
+        assert_eq!(cells.feels_n(3, 4.9), up);
+        cells.turn(120);
+        assert!(cells.mounting(3) != (scale, zero));
+        assert_eq!(cells.feels_n(3, 0.0), cells.mounting(3).1);
+        let scales: Vec<f64> = (0..300)
+            .map(|degrees| {
+                cells.turn(degrees);
+                cells.mounting(3).0
+            })
+            .collect();
+        let sd = (scales.iter().map(|s| s * s).sum::<f64>() / 300.0).sqrt();
+        assert!((8e-4..1.2e-3).contains(&sd), "{sd}");
     }
 
     #[test]

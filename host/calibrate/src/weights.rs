@@ -2,8 +2,12 @@
 
 use super::load_time::CameOn;
 use super::{CalibrateError, Result};
-use calibration::gain::{self, figures, Direction, Gain, GainError, Options, Reading};
-use calibration::record::{GainRecord, Record, UnitRecord, WeightsRecord};
+use calibration::gain::{
+    self, figures, iso376, Direction, Gain, GainError, Options, Reading, Term,
+};
+use calibration::record::{
+    GainRecord, Iso376Record, Record, TemperatureRecord, UnitRecord, WeightsRecord,
+};
 use calibration::stats;
 use calibration::zero::{self, Limits};
 use known::store::Draft;
@@ -11,6 +15,9 @@ use std::time::Duration;
 
 /// Header of the readings; `calibration::gain::read` takes it.
 pub const HEADER: &str = "weight_g,code,standard_error,direction,time_s,since_s,since_sd_s";
+/// The same with the series of ISO 376.
+pub const ISO376_HEADER: &str =
+    "weight_g,code,standard_error,direction,time_s,since_s,since_sd_s,series";
 /// Time until cell and converter have settled after a weight was hung.
 pub const SETTLE: Duration = Duration::from_millis(1000);
 /// Time over which a weight is read.
@@ -25,6 +32,24 @@ pub struct Load {
     pub direction: Option<Direction>,
     /// Read once more while it stays: nothing is to be done for it.
     pub stays: bool,
+    /// Time that it stays before it is read, beside [`SETTLE`].
+    pub wait: Duration,
+    /// Series of ISO 376; `None` in a series of another kind.
+    pub series: Option<u8>,
+}
+
+impl Load {
+    /// Whether the cell is mounted anew for this load, and in which position (degrees about its
+    /// axis).
+    #[must_use]
+    pub fn turned_to(&self, before: Option<&Self>) -> Option<u16> {
+        let degrees = match self.series? {
+            3 => 120,
+            5 => 240,
+            _ => return None,
+        };
+        (before.and_then(|load| load.series) != self.series).then_some(degrees)
+    }
 }
 
 /// Time from one reading to the next of a load that stays.
@@ -40,16 +65,17 @@ pub fn plan(weights_g: &[f64], rounds: usize, creep: Duration) -> Vec<Load> {
         weight_g: *weight_g,
         direction: Some(Direction::Loading),
         stays: false,
+        wait: Duration::ZERO,
+        series: None,
     };
     let down = |weight_g: &f64| Load {
         weight_g: *weight_g,
         direction: Some(Direction::Unloading),
-        stays: false,
+        ..up(weight_g)
     };
     let empty = Load {
-        weight_g: 0.0,
         direction: None,
-        stays: false,
+        ..up(&0.0)
     };
     let mut out = vec![empty];
     for _ in 0..rounds {
@@ -69,6 +95,67 @@ pub fn plan(weights_g: &[f64], rounds: usize, creep: Duration) -> Vec<Load> {
             out.push(first);
             out.extend(std::iter::repeat_n(again, steps));
         }
+    }
+    out
+}
+
+/// Time after a load came on at which the series of ISO 376 are read: at least 30 s, each the same.
+const ISO376_READ_AT: Duration = Duration::from_secs(30);
+/// Time for which a preload stays on: 60 to 90 s.
+const ISO376_PRELOAD: Duration = Duration::from_secs(60);
+
+/// Loads of the procedure of ISO 376 ([`iso376`]): preloads, two rising series, a rising and a falling one in each of two further
+/// positions, and the largest load for five minutes.
+#[must_use]
+pub fn iso376_plan(weights_g: &[f64]) -> Vec<Load> {
+    let mut sorted = weights_g.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    let until_read = SETTLE + READ / 2;
+    let load = |series: u8, weight_g: f64, direction: Option<Direction>| Load {
+        weight_g,
+        direction,
+        stays: false,
+        wait: ISO376_READ_AT.saturating_sub(until_read),
+        series: Some(series),
+    };
+    let (up, down) = (Some(Direction::Loading), Some(Direction::Unloading));
+    let largest_g = sorted.last().copied().unwrap_or_default();
+    let mut out = Vec::new();
+    for _ in 0..iso376::PRELOADS {
+        out.push(Load {
+            wait: ISO376_PRELOAD.saturating_sub(until_read),
+            ..load(gain::PRELOAD, largest_g, up)
+        });
+        out.push(load(gain::PRELOAD, 0.0, None));
+    }
+    for series in [1, 2, 3, 5] {
+        out.push(load(series, 0.0, None));
+        out.extend(sorted.iter().map(|w| load(series, *w, up)));
+        let falls = series > 2;
+        let last = series + u8::from(falls);
+        if falls {
+            // It begins at the largest load, which hangs already.
+            let falling = sorted.iter().rev().skip(1);
+            out.extend(falling.map(|w| load(last, *w, down)));
+        }
+        out.push(load(last, 0.0, None));
+    }
+    for weight_g in [largest_g, 0.0] {
+        // Soon after the change, where most cells creep; then at 30 s and each 30 s to 300 s.
+        let first = Load {
+            wait: Duration::ZERO,
+            ..load(gain::CREEP, weight_g, None)
+        };
+        out.push(first);
+        let stays = |step: Duration| Load {
+            stays: true,
+            wait: step.saturating_sub(SETTLE + READ),
+            ..first
+        };
+        // 1.5 s, and 14 times 2 s: 29.5 s.
+        out.extend(std::iter::repeat_n(stays(HOLD_STEP), 14));
+        out.extend(std::iter::repeat_n(stays(ISO376_READ_AT), 9));
     }
     out
 }
@@ -139,10 +226,11 @@ pub fn keep(
         |since| format!("{:.3},{:.3}", since.at_s, since.sd_s),
     );
     let (weight_g, code, standard_error) = (load.weight_g, mean.code, mean.standard_error);
-    Ok(draft.add(
-        HEADER,
-        &format!("{weight_g},{code:.3},{standard_error:.4},{direction},{at_s:.3},{since}"),
-    )?)
+    let row = format!("{weight_g},{code:.3},{standard_error:.4},{direction},{at_s:.3},{since}");
+    Ok(match load.series {
+        None => draft.add(HEADER, &row),
+        Some(series) => draft.add(ISO376_HEADER, &format!("{row},{series}")),
+    }?)
 }
 
 /// A gain with the figures of its cell.
@@ -154,6 +242,10 @@ pub struct Fitted {
     pub gain: Gain,
     /// Linearity and hysteresis.
     pub shape: figures::Shape,
+    /// The figures of ISO 376, where the readings are of its procedure.
+    pub iso376: Option<iso376::Figures>,
+    /// Lowest and highest temperature of the readings, degrees Celsius, where they have one.
+    pub temperature_c: Option<(f64, f64)>,
 }
 
 /// The gain of a table of readings. `file` is the name that errors give.
@@ -172,10 +264,19 @@ pub fn fit(file: &str, text: &str, options: &Options) -> Result<Fitted> {
         }
         other => CalibrateError::refused(format!("{file}: {other}")),
     })?;
+    let iso376 = iso376::is_procedure(&readings)
+        .then(|| iso376::figures(&readings, &gain, options))
+        .transpose()
+        .map_err(|missing| CalibrateError::refused(format!("{file}: {missing}")))?;
+    let temperatures = || readings.iter().filter_map(|r| r.temperature_c);
+    let from = temperatures().fold(f64::INFINITY, f64::min);
+    let to = temperatures().fold(f64::NEG_INFINITY, f64::max);
     Ok(Fitted {
         readings: readings.len(),
         shape: figures::shape(&gain),
         gain,
+        iso376,
+        temperature_c: (from <= to).then_some((from, to)),
     })
 }
 
@@ -256,8 +357,11 @@ pub fn check_changes(record: &Record, found: &[(u8, &Gain)], options: &Options) 
     }
 }
 
+/// How a cell is loaded that is out of its unit, in words.
+pub const DISMOUNTED: &str = "dismounted, axis upright";
+
 /// What a certificate says of a gain beside its numbers; empty where nobody said.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Traced {
     /// Number of the weights' calibration certificate.
     pub certificate: String,
@@ -267,6 +371,10 @@ pub struct Traced {
     pub operator: String,
     /// Remarks.
     pub note: String,
+    /// How the weights loaded the cell.
+    pub loading: String,
+    /// Temperature of the room, degrees Celsius, where no sensor gives that of the cell.
+    pub temperature_c: Option<f64>,
 }
 
 /// Puts gains (unit, gain) that were measured with one set of weights in one place into the record. Returns what that changed
@@ -288,6 +396,7 @@ pub fn apply(
         gain.relative_parts
             .weights
             .hypot(gain.relative_parts.gravity)
+            .hypot(gain.relative_parts.pulley)
     };
     let mut common = found
         .iter()
@@ -349,7 +458,8 @@ fn enter(
         .ok_or_else(|| CalibrateError::refused(format!("there is no unit {unit}")))?;
     let conversion = gain.conversion();
     found.n_per_code = conversion.n_per_code;
-    found.n_per_code_sd = parts.readings.hypot(parts.beyond) * conversion.n_per_code.abs();
+    found.n_per_code_sd =
+        parts.readings.hypot(parts.beyond).hypot(parts.remounting) * conversion.n_per_code.abs();
     found.n_per_code2 = conversion.n_per_code2;
     found.n_per_code2_sd = conversion.n_per_code2_sd;
     (found.creep, found.creep_sd, found.creep_s) = gain
@@ -365,6 +475,8 @@ fn enter(
         weights_sd: parts.weights,
         gravity_sd: parts.gravity,
         beyond_sd: parts.beyond,
+        remounting_sd: parts.remounting,
+        pulley_sd: parts.pulley,
         repeatability_n: gain.repeatability_codes * gain.n_per_code.abs(),
         chi_square: gain.chi_square,
         degrees_of_freedom: gain.degrees_of_freedom as u32,
@@ -377,14 +489,72 @@ fn enter(
         gravity_m_per_s2: options.gravity_m_per_s2,
         operator: traced.operator.clone(),
         note: traced.note.clone(),
+        loading: traced.loading.clone(),
         weights: WeightsRecord {
             tolerance: options.weights.tolerance.to_string(),
             correlation: options.weights.correlation,
             certificate: traced.certificate.clone(),
             serial: traced.serial.clone(),
         },
+        temperature: temperature(fitted, traced),
+        iso376: fitted.iso376.as_ref().map(iso376_record),
     });
     Ok(())
+}
+
+/// The temperature of a series, and what it changes.
+fn temperature(fitted: &Fitted, traced: &Traced) -> Option<TemperatureRecord> {
+    let room = traced.temperature_c.map(|c| (c, c));
+    let (from_c, to_c) = fitted.temperature_c.or(room)?;
+    let gain = &fitted.gain;
+    let slope = gain.codes_per_n;
+    let term = |term: Term| {
+        let found = gain.terms.get(&term);
+        found.map_or((0.0, 0.0), |c| {
+            (c.value / slope, (c.standard_error / slope).abs())
+        })
+    };
+    let (scale, zero) = (term(Term::SlopeTemperature), term(Term::ZeroTemperature));
+    Some(TemperatureRecord {
+        from_c,
+        to_c,
+        // More codes for a newton are fewer newtons for a code.
+        scale_per_k: -scale.0,
+        scale_per_k_sd: scale.1,
+        zero_n_per_k: zero.0,
+        zero_n_per_k_sd: zero.1,
+    })
+}
+
+fn iso376_record(figures: &iso376::Figures) -> Iso376Record {
+    let class = figures.class();
+    Iso376Record {
+        class: class.map_or_else(String::new, |found| found.class.to_string()),
+        from_n: class.map_or(0.0, |found| found.from_n),
+        to_n: class.map_or(0.0, |found| found.to_n),
+        in_the_way: figures
+            .in_the_way()
+            .into_iter()
+            .map(str::to_owned)
+            .collect(),
+        zero: figures.zero,
+        creep: figures.creep,
+        resolution_n: figures.resolution_n,
+        degree: figures.degree as u8,
+        loads: (figures.loads.iter())
+            .map(|load| {
+                [
+                    load.force_n,
+                    load.reproducibility,
+                    load.repeatability,
+                    load.interpolation,
+                    load.reversibility,
+                    load.force_95,
+                    2.0 * load.u,
+                ]
+            })
+            .collect(),
+    }
 }
 
 #[cfg(test)]
@@ -439,6 +609,72 @@ mod tests {
         )
         .is_err());
         record.write().unwrap();
+    }
+
+    #[test]
+    fn the_procedure_of_iso_376_has_its_sequence_and_times() {
+        let loads = iso376_plan(&iso376::WEIGHTS_G);
+        let of = |series: u8| loads.iter().filter(move |l| l.series == Some(series));
+        assert_eq!(
+            of(gain::PRELOAD).filter(|l| l.weight_g == 1000.0).count(),
+            3
+        );
+        for (series, count) in [(1, 10), (2, 10), (3, 9), (4, 8), (5, 9), (6, 8)] {
+            assert_eq!(of(series).count(), count, "{series}");
+        }
+        let turned: Vec<(usize, u16)> = (loads.iter().enumerate())
+            .filter_map(|(i, l)| Some((i, l.turned_to(i.checked_sub(1).map(|b| &loads[b]))?)))
+            .collect();
+        assert_eq!(turned.iter().map(|t| t.1).collect::<Vec<_>>(), [120, 240]);
+        assert!(turned.iter().all(|(i, _)| loads[*i].weight_g == 0.0));
+        // Each load of a series is read 30 s after it came on; the last stays until 300 s.
+        let at = |l: &Load| (l.wait + SETTLE + READ / 2).as_secs_f64();
+        assert!((1..=6).flat_map(of).all(|l| at(l) == 30.0 && !l.stays));
+        let on = of(gain::CREEP).filter(|l| l.weight_g > 0.0);
+        let read: Vec<f64> = on
+            .scan(0.0, |now, l| {
+                *now += (l.wait + SETTLE + READ).as_secs_f64();
+                Some(*now - 0.5)
+            })
+            .collect();
+        for wanted in [30.0, 300.0] {
+            assert!(read.iter().any(|t| (t - wanted).abs() < 1.0), "{read:?}");
+        }
+    }
+
+    #[test]
+    fn temperature_is_kept_with_what_it_changes() {
+        let mut text = "weight_g,code,standard_error,temperature_c\n".to_owned();
+        for (i, load) in plan(&gain::WEIGHTS_G, 3, Duration::ZERO).iter().enumerate() {
+            let warm = 6.0 * (0.4 * i as f64).sin();
+            let force = load.weight_g * 9.80665e-3;
+            let noise = [30.0, -20.0, 10.0, -35.0][i % 4] + 1e-3 * i as f64;
+            let code = (force * (1.0 + 3e-4 * warm) + 2e-3 * warm) / 7e-6 + noise;
+            text.push_str(&format!("{},{code},30,{:.3}\n", load.weight_g, 23.0 + warm));
+        }
+        let options = Options::default();
+        let found = fit("w.csv", &text, &options).unwrap();
+        let mut record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
+        apply(&mut record, &[(1, &found)], &options, &Traced::default()).unwrap();
+        let kept = record.units[0].gain.clone().unwrap().temperature.unwrap();
+        assert!((kept.scale_per_k + 3e-4).abs() < 3e-5, "{kept:?}");
+        assert!(
+            (kept.zero_n_per_k - 2e-3).abs() < 2e-4 && kept.scale_per_k_sd > 0.0,
+            "{kept:?}"
+        );
+        assert!(kept.from_c < 18.0 && kept.to_c > 28.0);
+        record.write().unwrap();
+        // Without a sensor, what the user says; nothing where nobody did.
+        let plain = fit("w.csv", &table(None), &options).unwrap();
+        let room = Traced {
+            temperature_c: Some(22.5),
+            ..Traced::default()
+        };
+        apply(&mut record, &[(1, &plain), (2, &plain)], &options, &room).unwrap();
+        let kept = record.units[1].gain.clone().unwrap().temperature.unwrap();
+        assert_eq!((kept.from_c, kept.scale_per_k_sd), (22.5, 0.0));
+        apply(&mut record, &[(1, &plain)], &options, &Traced::default()).unwrap();
+        assert_eq!(record.units[0].gain.clone().unwrap().temperature, None);
     }
 
     #[test]

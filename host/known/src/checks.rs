@@ -71,6 +71,27 @@ impl Validity {
     }
 }
 
+/// Units whose geometry no longer holds, in words: their cells were taken out for the gain after it was measured. `None` where there
+/// is none, or nobody said how the cells were loaded.
+#[must_use]
+pub fn geometry_void(record: &Record) -> Option<String> {
+    let void: Vec<String> = (record.units.iter())
+        .filter(|unit| {
+            let gain = unit.gain.as_ref();
+            let out = gain.is_some_and(|gain| gain.loading.starts_with("dismounted"));
+            // On one day, the sequence is taken to be right: gains first.
+            out && !unit.geometry_date.is_empty() && unit.gain_date > unit.geometry_date
+        })
+        .map(|unit| unit.number.to_string())
+        .collect();
+    (!void.is_empty()).then(|| {
+        format!(
+            "unit {} was dismounted for its gain after its geometry was measured, which does not hold any more: `forcectl calibrate geometry`",
+            void.join(", ")
+        )
+    })
+}
+
 /// Age of a calibration in days, by its oldest gain; `None` where none was measured.
 #[must_use]
 pub fn age_days(record: &Record, today: &str) -> Option<i64> {

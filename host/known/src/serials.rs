@@ -135,12 +135,15 @@ pub fn discard_readings(
         .iter()
         .zip(&new)
         .any(|(old, new)| !old.is_empty() && old != new);
-    let draft = store.draft(&format!("gain-unit{unit}"));
-    if !exchanged || draft.text()?.is_none() {
-        return Ok(None);
+    let mut discarded = false;
+    for step in ["gain", "iso376"] {
+        let draft = store.draft(&format!("{step}-unit{unit}"));
+        if exchanged && draft.text()?.is_some() {
+            draft.discard()?;
+            discarded = true;
+        }
     }
-    draft.discard()?;
-    Ok(Some(format!(
+    Ok(discarded.then(|| format!(
         "unit {unit}: the readings of a gain that was not finished are of the old parts and were discarded"
     )))
 }
@@ -239,9 +242,8 @@ mod tests {
         let store = Store::at(folder.path());
         let rig = Rig::built_in().unwrap();
         let mut record = nominal(&rig, "2026-11-22");
-        for unit in [3, 4] {
-            let draft = store.draft(&format!("gain-unit{unit}"));
-            draft.add("weight_g", "10").unwrap();
+        for step in ["gain-unit3", "iso376-unit3", "gain-unit4"] {
+            store.draft(step).add("weight_g", "10").unwrap();
         }
         let mut exchange = |serial: &str| {
             let before = record.clone();
@@ -255,6 +257,7 @@ mod tests {
         // No gain was finished with the old cell: the readings go all the same.
         assert!(exchange("SBA-2").unwrap().contains("were discarded"));
         assert_eq!(store.draft("gain-unit3").text().unwrap(), None);
+        assert_eq!(store.draft("iso376-unit3").text().unwrap(), None);
         assert_eq!(exchange("SBA-3"), None);
         assert_eq!(store.draft("gain-unit4").rows().unwrap(), 1);
     }

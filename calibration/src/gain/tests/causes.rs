@@ -7,7 +7,7 @@ const SEEDS: u64 = 25;
 
 /// Weights of class M2 whose errors lie within half of the limits (the other half would be shared),
 /// gravity known.
-fn m2() -> Options {
+pub(super) fn m2() -> Options {
     Options {
         weights: WeightSet::default(),
         ..options()
@@ -50,6 +50,7 @@ fn rounds(seed: u64, force: impl Fn(usize, f64, f64) -> f64) -> Vec<Reading> {
                 since_s: None,
                 since_sd_s: None,
                 temperature_c: None,
+                series: None,
             }
         })
         .collect()

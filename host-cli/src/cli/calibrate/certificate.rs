@@ -35,12 +35,16 @@ impl Certificate {
             ));
         }
         let gains = record.gains_hash();
+        // A certificate names the version that it is of, also later.
+        let same = |version: &String| store.version(version).is_ok_and(|r| r.hash == record.hash);
+        let kept = store.versions()?.into_iter().rev().find(same);
+        let version = kept.as_ref().unwrap_or(&self.version);
         let mut checks = store.checks()?;
         checks.retain(|check| check.calibration == gains);
         let today = known::today();
-        let json = json!({"version": self.version, "printed": today, "validity": Validity::of(&record, &today),
+        let json = json!({"version": version, "printed": today, "validity": Validity::of(&record, &today),
             "checks": checks, "calibration": record});
-        let page = certificate::html(&record, &self.version, &checks, &today);
+        let page = certificate::html(&record, version, &checks, &today);
         std::fs::create_dir_all(&self.out).map_err(|error| Failure::file(&self.out, error))?;
         let mut paths = Vec::new();
         for (name, text) in [

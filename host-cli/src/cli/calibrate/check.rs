@@ -53,6 +53,7 @@ struct Seen {
 impl Check {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        self.standards.check()?;
         let bench = Bench::load(&self.connection, context)?;
         let units = self.units(&bench)?;
         let options = self.standards.options();
@@ -277,8 +278,7 @@ fn judge(
     let loop_n = gain.map_or(0.0, |gain| gain.hysteresis_sd_n());
     let parts = [
         force_n * scale_sd,
-        force_n * options.weights.relative_sd(weight_g),
-        force_n * options.gravity_relative_sd,
+        force_n * options.force_relative_sd(weight_g),
         read_sd_n,
         moved_n,
         hand_n,

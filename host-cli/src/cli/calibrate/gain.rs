@@ -6,12 +6,13 @@ use super::series::{Plan, Series};
 use super::standards::{Standards, Traced};
 use super::{picture, read, Bench, ByHand};
 use calibrate::cells;
+use calibrate::certificate;
 use calibrate::picture::{bars, Bar};
-use calibrate::standin::Weights;
+use calibrate::standin::{Cells, Weights};
 use calibrate::weights::{self, Fitted};
-use calibration::gain::{Gain as Fit, Options, Term, WEIGHTS_G};
+use calibration::gain::{iso376, Gain as Fit, Options, Term, WEIGHTS_G};
 use clap::Args;
-use known::{base, serials};
+use known::{base, checks, serials};
 use serde_json::json;
 use session::Session;
 use std::fmt::Write as _;
@@ -30,9 +31,13 @@ pub struct Gain {
     /// Serial number of the cell that is weighed: has to be that of the store, or is entered where the store has none
     #[arg(long, value_name = "SERIAL", value_parser = serials::parse)]
     cell: Option<String>,
-    /// Weights that are hung, g
-    #[arg(long, value_name = "GRAM", num_args = 1.., default_values_t = WEIGHTS_G, value_parser = weight)]
+    /// Weights that are hung, g [default: 10 20 50 100 200 500 1000; with --iso-376 100 200 300 500 600 700 800 1000]
+    #[arg(long, value_name = "GRAM", num_args = 1.., value_parser = weight)]
     weights: Vec<f64>,
+    /// The procedure of ISO 376: three preloads, two rising series, a rising and a falling one in each of two further mountings of
+    /// the cell, creep over 300 s; 40 minutes for each cell. Prints its figures and the class
+    #[arg(long = "iso-376", conflicts_with_all = ["rounds", "creep"])]
+    iso376: bool,
     /// Times that the weights are put on and taken off
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=20))]
     rounds: u8,
@@ -75,6 +80,7 @@ impl Gain {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let connection = &self.by_hand.connection;
+        self.standards.check()?;
         let mut bench = Bench::load(connection, context)?;
         let enabled = bench.rig.units.iter().filter(|unit| unit.enabled);
         let units: Vec<u8> = if self.unit.is_empty() {
@@ -114,7 +120,9 @@ impl Gain {
         let seed = session.link().controls().map(|controls| controls.seed());
         let file = ("--readings", "hangs weights on a real rig");
         self.by_hand.check(seed.is_some(), file)?;
-        let mut standin = seed.map(|seed| Weights::new(seed, &self.by_hand.inject));
+        let inject = &self.by_hand.inject;
+        let cells_of = |seed| self.iso376.then(|| Cells::new(seed, inject));
+        let mut standin = seed.map(|seed| (Weights::new(seed, inject), cells_of(seed)));
         let groups: Vec<Vec<u8>> = if self.by_hand.yes {
             vec![units.clone()]
         } else {
@@ -129,7 +137,7 @@ impl Gain {
         }
         let mut fitted = Vec::new();
         for unit in units {
-            let draft = bench.store.draft(&format!("gain-unit{unit}"));
+            let draft = bench.store.draft(&format!("{}-unit{unit}", self.step()));
             let text = draft.text()?.unwrap_or_default();
             let name = draft.path().display().to_string();
             fitted.push((unit, self.fit(&bench, unit, &name, &text)?));
@@ -142,19 +150,43 @@ impl Gain {
     /// What is to be read, and how.
     fn plan(&self) -> Plan {
         let hold = Duration::from_secs_f64(self.creep);
-        let largest_g = self.weights.iter().copied().fold(0.0, f64::max);
+        let weights = self.weights();
+        let largest_g = weights.iter().copied().fold(0.0, f64::max);
         Plan {
-            loads: weights::plan(&self.weights, usize::from(self.rounds), hold),
-            drift_n: weights::drift_limit_n(largest_g, self.creep > 0.0),
+            loads: if self.iso376 {
+                weights::iso376_plan(&weights)
+            } else {
+                weights::plan(&weights, usize::from(self.rounds), hold)
+            },
+            step: self.step(),
+            drift_n: weights::drift_limit_n(largest_g, self.iso376 || self.creep > 0.0),
             yes: self.by_hand.yes,
             restart: self.by_hand.restart,
+        }
+    }
+
+    /// Name of the drafts.
+    const fn step(&self) -> &'static str {
+        if self.iso376 {
+            "iso376"
+        } else {
+            "gain"
+        }
+    }
+
+    /// The weights that are hung, g.
+    fn weights(&self) -> Vec<f64> {
+        match (self.weights.is_empty(), self.iso376) {
+            (false, _) => self.weights.clone(),
+            (true, true) => iso376::WEIGHTS_G.to_vec(),
+            (true, false) => WEIGHTS_G.to_vec(),
         }
     }
 
     fn options(&self, bench: &Bench, unit: u8) -> Options {
         let nominal = bench.rig.units.iter().find(|u| u.number == unit);
         let mut weights_g = WEIGHTS_G.to_vec();
-        weights_g.extend(self.weights.iter().filter(|w| !WEIGHTS_G.contains(w)));
+        weights_g.extend(self.weights().iter().filter(|w| !WEIGHTS_G.contains(w)));
         Options {
             weights_g,
             nominal_n_per_code: nominal.map(|unit| unit.scale_n_per_count),
@@ -189,9 +221,12 @@ impl Gain {
             }
             bench.record.valid_days = self.traced.valid_days();
             let found: Vec<(u8, &Fitted)> = fitted.iter().map(|(u, f)| (*u, f)).collect();
-            for note in
-                weights::apply(&mut bench.record, &found, &options, &self.traced.of_gains())?
-            {
+            for note in weights::apply(
+                &mut bench.record,
+                &found,
+                &options,
+                &self.traced.of_gains(&self.standards),
+            )? {
                 context.output.note(&note);
             }
         }
@@ -226,9 +261,27 @@ impl Gain {
                 g.chi_square,
                 g.degrees_of_freedom
             );
+            if g.relative_parts.remounting > 0.0 || g.relative_parts.pulley > 0.0 {
+                row!(
+                    text,
+                    "       next mounting {:.3} %, pulley {:.3} %",
+                    100.0 * g.relative_parts.remounting,
+                    100.0 * g.relative_parts.pulley
+                );
+            }
+            let kept_gain = bench.record.units.iter().find(|u| u.number == *unit);
+            let kept_gain = kept_gain.and_then(|u| u.gain.as_ref());
+            if let Some(figures) = &found.iso376 {
+                describe_iso376(&mut text, figures);
+            }
+            if let Some(warm) = kept_gain.and_then(|gain| gain.temperature) {
+                row!(text, "       {}", certificate::temperature(&warm));
+            }
             let in_force = conversion_of(bench, *unit);
             describe_conversion(&mut text, g, &in_force);
-            for (term, c) in &g.terms {
+            let of_mounting =
+                |term: &Term| matches!(term, Term::MountingZero(_) | Term::MountingSlope(_));
+            for (term, c) in g.terms.iter().filter(|(term, _)| !of_mounting(term)) {
                 row!(
                     text,
                     "       {term:?}: {:.4e} +- {:.1e} (p {:.1e})",
@@ -240,7 +293,7 @@ impl Gain {
             if drafted {
                 bench
                     .store
-                    .draft(&format!("gain-unit{unit}"))
+                    .draft(&format!("{}-unit{unit}", self.step()))
                     .finish(&kept.version)?;
             }
             let svg = residual_picture(*unit, found);
@@ -258,8 +311,13 @@ impl Gain {
                 "creep_s": g.creep.map(|c| c.time_s), "curve_on_board": in_force.curve.pays, "creep_on_board": in_force.creep.pays,
                 "linearity_n": found.shape.linearity_n,
                 "repeatability_n": g.repeatability_codes * g.n_per_code.abs(), "chi_square": g.chi_square, "degrees_of_freedom": g.degrees_of_freedom,
-                "parts_relative": {"readings": g.relative_parts.readings, "weights": g.relative_parts.weights, "gravity": g.relative_parts.gravity, "beyond": g.relative_parts.beyond},
+                "parts_relative": {"readings": g.relative_parts.readings, "weights": g.relative_parts.weights, "gravity": g.relative_parts.gravity, "beyond": g.relative_parts.beyond,
+                    "remounting": g.relative_parts.remounting, "pulley": g.relative_parts.pulley},
+                "iso376": kept_gain.and_then(|gain| gain.iso376.as_ref()), "temperature": kept_gain.and_then(|gain| gain.temperature),
                 "hysteresis_n": found.shape.hysteresis.map(|h| h.largest_n), "readings": found.readings}));
+        }
+        if let Some(void) = checks::geometry_void(&bench.record) {
+            row!(text, "{void}");
         }
         row!(text, "version {}", kept.version);
         Ok(Reply::new(
@@ -272,6 +330,54 @@ impl Gain {
 fn conversion_of(bench: &Bench, unit: u8) -> base::Conversion {
     let unit = bench.record.units.iter().find(|u| u.number == unit);
     base::conversion(unit.unwrap_or(&bench.record.units[0]))
+}
+
+/// The figures of ISO 376 with the class that results.
+fn describe_iso376(text: &mut String, figures: &iso376::Figures) {
+    match figures.class() {
+        Some(found) => row!(
+            text,
+            "       ISO 376: class {} from {:.2} to {:.2} N",
+            found.class,
+            found.from_n,
+            found.to_n
+        ),
+        None => row!(text, "       ISO 376: no class"),
+    }
+    let in_the_way = figures.in_the_way();
+    if !in_the_way.is_empty() {
+        row!(
+            text,
+            "       beyond the next better class: {}",
+            in_the_way.join(", ")
+        );
+    }
+    row!(
+        text,
+        "       f0 {:+.4} %   c {} %   resolution {:.2} mN",
+        100.0 * figures.zero,
+        figures
+            .creep
+            .map_or_else(|| "-".to_owned(), |c| format!("{:.4}", 100.0 * c)),
+        1e3 * figures.resolution_n
+    );
+    row!(
+        text,
+        "       force, N        b %       b' %       fc %        v %    U force %        U %"
+    );
+    for load in &figures.loads {
+        row!(
+            text,
+            "       {:>8.3} {:>10.4} {:>10.4} {:>+10.4} {:>10.4} {:>12.4} {:>10.4}",
+            load.force_n,
+            100.0 * load.reproducibility,
+            100.0 * load.repeatability,
+            100.0 * load.interpolation,
+            100.0 * load.reversibility,
+            100.0 * load.force_95,
+            200.0 * load.u
+        );
+    }
 }
 
 /// What the board's conversion takes from a curve and creep that were found, and what it is worth.

@@ -6,9 +6,10 @@ use super::super::Context;
 use super::guide::{self, Answer};
 use super::{hang, Bench};
 use calibrate::load_time::{self, CameOn, Watch};
-use calibrate::standin::Weights;
+use calibrate::standin::{Cells, Weights};
 use calibrate::weights::{self, Load, Mean};
 use calibrate::{cells, CalibrateError};
+use calibration::gain;
 use known::store::Draft;
 use run::RunError;
 use session::{Session, PERIOD};
@@ -24,6 +25,8 @@ const REACH_CYCLES: u32 = 50;
 pub(super) struct Plan {
     /// The loads in their order.
     pub loads: Vec<Load>,
+    /// What the drafts are called: `gain` or `iso376`.
+    pub step: &'static str,
     /// How far a reading may drift, N.
     pub drift_n: f64,
     /// A stand-in hangs the weights, and nobody is asked.
@@ -73,7 +76,7 @@ impl<'p> Series<'p> {
     ) -> Result<Self> {
         let drafts: Vec<_> = group
             .iter()
-            .map(|unit| bench.store.draft(&format!("gain-unit{unit}")))
+            .map(|unit| bench.store.draft(&format!("{}-unit{unit}", plan.step)))
             .collect();
         if plan.restart {
             drafts.iter().try_for_each(Draft::discard)?;
@@ -124,9 +127,12 @@ impl<'p> Series<'p> {
     pub fn run(
         mut self,
         session: &mut Session<'_>,
-        standin: &mut Option<Weights>,
+        standin: &mut Option<(Weights, Option<Cells>)>,
         context: &Context,
     ) -> Result<()> {
+        if !self.plan.yes {
+            context.output.note(LOADING);
+        }
         let mut progress = Progress::new(&context.output);
         if standin.is_some() {
             // A person is not quicker. For 0.3 s after the power came, the board takes a cable that tightens for an output
@@ -147,7 +153,7 @@ impl<'p> Series<'p> {
     fn read_all(
         &mut self,
         session: &mut Session<'_>,
-        standin: &mut Option<Weights>,
+        standin: &mut Option<(Weights, Option<Cells>)>,
         context: &Context,
         progress: &mut Progress,
     ) -> Result<()> {
@@ -157,16 +163,28 @@ impl<'p> Series<'p> {
                     continue;
                 }
                 self.hang_again = false;
-                if let Some(standin) = standin {
+                if let Some((weights, cells)) = standin {
                     self.since = Some(CameOn {
                         at_s: self.time_s(session.now_ns()),
                         sd_s: 0.0,
                     });
-                    hang(session, self.group, standin.force_n(load.weight_g))?;
+                    let force_n = weights.force_n(load.weight_g);
+                    match cells {
+                        None => hang(session, self.group, force_n)?,
+                        Some(cells) => {
+                            let before = self.done.checked_sub(1).map(|i| &self.plan.loads[i]);
+                            if let Some(degrees) = load.turned_to(before) {
+                                cells.turn(degrees);
+                            }
+                            for unit in self.group {
+                                hang(session, &[*unit], cells.feels_n(*unit, force_n))?;
+                            }
+                        }
+                    }
                 }
             }
             let part = self.done as f64 / self.plan.loads.len() as f64;
-            match self.take(session, &mut || progress.at("weighing", part)) {
+            match self.take(&load, session, &mut || progress.at("weighing", part)) {
                 Ok(means) => {
                     if standin.is_none() {
                         self.see_change(&load, &means);
@@ -191,7 +209,8 @@ impl<'p> Series<'p> {
             return Ok(Next::Read);
         }
         let (done, of) = (self.asked(self.done), self.asked(usize::MAX));
-        let prompt = instruction(&self.who, load, done, of);
+        let before = self.done.checked_sub(1).map(|i| &self.plan.loads[i]);
+        let prompt = instruction(&self.who, load, before, (done, of));
         let emulated = session.link().controls().is_some();
         let mut watches = std::mem::take(&mut self.watches);
         let answer = guide::ask_while(&prompt, &mut || {
@@ -285,11 +304,12 @@ impl<'p> Series<'p> {
     /// Mean codes of the group after it has settled.
     fn take(
         &self,
+        load: &Load,
         session: &mut Session<'_>,
         tick: &mut dyn FnMut(),
     ) -> calibrate::Result<Vec<Mean>> {
         let mut quiet = |_: f64| {};
-        cells::codes(session, weights::SETTLE, &self.stop, &mut quiet)?;
+        cells::codes(session, load.wait + weights::SETTLE, &self.stop, &mut quiet)?;
         tick();
         let codes: [Vec<i32>; UNITS] =
             cells::codes(session, weights::READ, &self.stop, &mut quiet)?;
@@ -335,14 +355,42 @@ fn begun_s(drafts: &[Draft]) -> Result<f64> {
 /// Place of the time in a row of [`weights::HEADER`].
 const TIME_COLUMN: usize = 4;
 
-fn instruction(who: &str, load: &Load, done: usize, of: usize) -> String {
+/// How a weight loads a cell; docs/calibration.md has the same.
+pub(super) const LOADING: &str = "\
+How the weights load a cell. It measures along its axis, and the units do not stand upright:
+
+  dismounted, axis upright               mounted, over a pulley
+       ____________                       ______
+      |  bracket   |                     | unit |=cell=>---- cord ----( o ) pulley
+      |____________|                     |______|   along the axis      |
+         [ cell ]  axis                                                 |
+            |                                                        [ weight ]
+        [ weight ]
+
+Dismounted is exact, and the unit stands elsewhere afterwards: all gains first, then `calibrate geometry`, then zeros.
+Over a pulley the geometry stays; the pulley's friction enters the uncertainty. Tell which with --loading dismounted or
+--loading pulley=FRICTION. Hanger and cord hang on the cell for the empty reading too. The same way for every unit.
+";
+
+/// `count`: readings that are done, and all.
+fn instruction(who: &str, load: &Load, before: Option<&Load>, count: (usize, usize)) -> String {
+    let (done, of) = count;
     let what = if load.weight_g == 0.0 {
         "take all weights off".to_owned()
     } else {
         format!("hang {} g", load.weight_g)
     };
+    let first = match (load.turned_to(before), load.series) {
+        (Some(degrees), _) => format!(
+            "take the cell out, mount it anew {degrees} degrees about its axis from the first position (where it can't be turned: unhook the hanger and hook it in again); then "
+        ),
+        (None, Some(gain::PRELOAD)) => "preload; ".to_owned(),
+        (None, Some(gain::CREEP)) => "creep, for five minutes; ".to_owned(),
+        (None, Some(series)) => format!("series {series} of 6; "),
+        (None, None) => String::new(),
+    };
     format!(
-        "{who}, reading {} of {of}: {what}, let it come to rest, then press Enter (u: undo the last reading, q: stop here)",
+        "{who}, reading {} of {of}: {first}{what}, let it come to rest, then press Enter (u: undo the last reading, q: stop here)",
         done + 1
     )
 }
@@ -362,7 +410,31 @@ fn confirms(typed: &str, weight_g: f64) -> std::result::Result<(), String> {
 
 #[cfg(test)]
 mod tests {
-    use super::confirms;
+    use super::*;
+
+    #[test]
+    fn the_guide_says_when_a_cell_is_turned() {
+        let loads = weights::iso376_plan(&gain::iso376::WEIGHTS_G);
+        let told: Vec<String> = (loads.iter().enumerate())
+            .map(|(i, load)| {
+                let before = i.checked_sub(1).map(|before| &loads[before]);
+                instruction("unit 1", load, before, (i, loads.len()))
+            })
+            .collect();
+        let lines = |word: &str| told.iter().filter(|line| line.contains(word)).count();
+        assert_eq!(
+            (lines("mount it anew 120"), lines("mount it anew 240")),
+            (1, 1)
+        );
+        assert_eq!(lines("preload; hang 1000 g"), 3);
+        assert!(told[6].contains("reading 7 of") && told[6].contains("series 1 of 6; take all"));
+        let plain = weights::plan(&[100.0], 1, Duration::ZERO)[1];
+        let told = instruction("unit 1", &plain, None, (1, 4));
+        assert!(
+            told.starts_with("unit 1, reading 2 of 4: hang 100 g, let it come"),
+            "{told}"
+        );
+    }
 
     #[test]
     fn only_the_weight_that_is_asked_for_confirms() {
