@@ -2,7 +2,7 @@
 //! results their form; this module converts, and calls the crates that forcectl calls.
 //!
 //! Arrays come and go as bytes of 64-bit floats, results with many figures as JSON text. Work that takes long runs without
-//! the interpreter's lock ([`background`]). What the crates refuse is the exception `Refused` with their words.
+//! the interpreter's lock (`background`). What the crates refuse is the exception `Refused` with their words.
 
 mod analysis;
 mod background;
