@@ -46,7 +46,8 @@ class Gain:
     chi_square: float
     degrees_of_freedom: int
     parts_relative: Mapping[str, float]
-    """Relative standard uncertainties of the scale from `readings`, `weights`, `gravity`, and `beyond` the largest weight."""
+    """Relative standard uncertainties of the scale from `readings`, `weights`, `gravity`, `beyond` the largest weight, `remounting` of
+    the cell and a `pulley`."""
     readings: int
     """Number of readings."""
     residuals: list

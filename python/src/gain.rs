@@ -81,7 +81,8 @@ pub fn gain(name: &str, text: &str, choice: Choice) -> PyResult<String> {
         "linearity_n": shape.linearity_n, "hysteresis_n": shape.hysteresis.map(|h| h.largest_n),
         "repeatability_n": found.repeatability_codes * found.n_per_code.abs(),
         "chi_square": found.chi_square, "degrees_of_freedom": found.degrees_of_freedom,
-        "parts_relative": {"readings": parts.readings, "weights": parts.weights, "gravity": parts.gravity, "beyond": parts.beyond},
+        "parts_relative": {"readings": parts.readings, "weights": parts.weights, "gravity": parts.gravity, "beyond": parts.beyond,
+            "remounting": parts.remounting, "pulley": parts.pulley},
         "readings": readings.len(), "residuals": residuals,
     })
     .to_string())
