@@ -27,6 +27,8 @@ struct Chip {
     answers: bool,
     calibrated_at: Option<Micros>,
     conversions: u32,
+    /// What a read of the result gives.
+    latched: u32,
 }
 
 /// The hardware half's job, done by the book, with a bus that can be held.
@@ -54,6 +56,9 @@ struct Bench {
     latencies: Vec<u32>,
     /// Edges of DRDY while a mask is read back.
     read_back_at_edge: u32,
+    /// Variants of the converters: the six conversions that settle come with DRDY; the result is latched when the pointer is set.
+    reports_unsettled: bool,
+    latches_at_pointer: bool,
 }
 
 enum End {
@@ -75,6 +80,7 @@ impl Bench {
             answers: true,
             calibrated_at: None,
             conversions: 0,
+            latched: 0,
         };
         Self {
             bus: Bus::new(),
@@ -96,6 +102,8 @@ impl Bench {
             blind: UnitSet::default(),
             latencies: Vec::new(),
             read_back_at_edge: 0,
+            reports_unsettled: false,
+            latches_at_pointer: false,
         }
     }
 
@@ -182,6 +190,8 @@ impl Bench {
         let now = self.now;
         // Behind a mask that changed nobody may be, or a converter whose pointer is elsewhere.
         let flipped = self.flipped;
+        let settling = if self.reports_unsettled { 0 } else { 6 };
+        let latches_at_pointer = self.latches_at_pointer;
         let Some(chip) = self.chips.get_mut(self.mask.trailing_zeros() as usize) else {
             return Err(TransferError::Nack);
         };
@@ -190,6 +200,7 @@ impl Bench {
         }
         if transfer.write_len > 0 {
             chip.pointer = usize::from(transfer.write[0]);
+            chip.latched = chip.conversions;
         }
         let register = chip.pointer;
         if transfer.write_len == 2 {
@@ -197,7 +208,7 @@ impl Bench {
             match register {
                 0x00 => {
                     chip.running = transfer.write[1] & 0x10 != 0;
-                    chip.next = now.plus(chip.period * 7);
+                    chip.next = now.plus(chip.period * (1 + settling));
                     chip.drdy = false;
                 }
                 0x02 if transfer.write[1] & 0x04 != 0 => {
@@ -211,7 +222,10 @@ impl Bench {
             assert!(register == 0x12 || flipped, "a sample that is none");
             chip.pointer += 3;
             chip.drdy = false;
-            let [_, a, b, c] = chip.conversions.to_be_bytes();
+            if !latches_at_pointer {
+                chip.latched = chip.conversions;
+            }
+            let [_, a, b, c] = chip.latched.to_be_bytes();
             return Ok([a, b, c]);
         }
         if transfer.read_len == 0 {
@@ -325,6 +339,40 @@ impl Bench {
                 "{unit:?} lost a conversion"
             );
             assert_eq!(pair[1].1, 0, "{unit:?} claims a loss");
+        }
+    }
+}
+
+/// Whether a converter announces the six conversions that settle is open, and so is when it latches a result.
+#[test]
+fn six_results_after_a_bring_up_are_no_samples() {
+    for (reports_unsettled, latches_at_pointer) in
+        [(false, false), (false, true), (true, false), (true, true)]
+    {
+        let mut bench = Bench::new();
+        bench.reports_unsettled = reports_unsettled;
+        bench.latches_at_pointer = latches_at_pointer;
+        bench.start(UnitIndex::ALL);
+        let mut before = [None; UNITS];
+        for _ in 0..7_600 {
+            bench.run(100);
+            for (n, chip) in bench.chips.iter().enumerate() {
+                let up = |event: &Event| matches!(event, Event::Up { unit } if *unit as usize == n);
+                if before[n].is_none() && bench.received.0.iter().any(up) {
+                    before[n] = Some(chip.conversions);
+                }
+            }
+        }
+        for unit in UnitIndex::ALL {
+            let before = before[unit as usize].expect("it came up");
+            let samples = bench.samples(unit);
+            let (first, missed) = samples.first().expect("it streams");
+            let conversion = first.counts() as u32 - before;
+            assert_eq!(
+                (conversion, *missed),
+                (7, 0),
+                "{unit:?}, unsettled {reports_unsettled}, latch at the pointer {latches_at_pointer}"
+            );
         }
     }
 }

@@ -179,6 +179,35 @@ fn a_calibration_that_keeps_failing_is_reported() {
 }
 
 #[test]
+fn six_results_are_discarded_after_a_calibration_a_start_and_new_coefficients() {
+    let results: Vec<Transaction> = (1..=7).map(|n| rd(0x12, &[0, 0, n])).collect();
+    let mut all = calibration();
+    all.extend(results.clone());
+    all.push(wr(&[0x00, 0xBE]));
+    all.extend(results.clone());
+    all.push(wr(&proto::write_coefficients(
+        Channel::One,
+        Coefficients::default(),
+    )));
+    all.extend(results);
+    let (mut adc, mut bus) = driver(&all);
+    let only_the_seventh = |adc: &mut Nau7802<I2c>| {
+        let codes: Vec<_> = (0..7).map(|_| adc.read().unwrap()).collect();
+        assert_eq!(codes[..6], [None; 6]);
+        assert_eq!(codes[6].map(AdcCode::counts), Some(7));
+    };
+    adc.calibrate(CalibrationMode::InternalOffset, &mut NoopDelay::new())
+        .unwrap();
+    only_the_seventh(&mut adc);
+    adc.start().unwrap();
+    only_the_seventh(&mut adc);
+    adc.set_coefficients(Channel::One, Coefficients::default())
+        .unwrap();
+    only_the_seventh(&mut adc);
+    bus.done();
+}
+
+#[test]
 fn reads_samples_with_their_sign() {
     let (mut adc, mut bus) = driver(&[
         rd(0x12, &[0x00, 0x00, 0x01]),
@@ -187,10 +216,10 @@ fn reads_samples_with_their_sign() {
         rd(0x12, &[0x7F, 0xFF, 0xFF]),
         rd(0x12, &[0, 0, 0]).with_error(NACK),
     ]);
-    assert_eq!(adc.read().unwrap().counts(), 1);
-    assert_eq!(adc.read().unwrap().counts(), -1);
-    assert_eq!(adc.read().unwrap(), AdcCode::MIN);
-    let top = adc.read().unwrap();
+    assert_eq!(adc.read().unwrap().unwrap().counts(), 1);
+    assert_eq!(adc.read().unwrap().unwrap().counts(), -1);
+    assert_eq!(adc.read().unwrap().unwrap(), AdcCode::MIN);
+    let top = adc.read().unwrap().unwrap();
     assert_eq!(top, AdcCode::MAX);
     assert!(top.is_saturated());
     let error = adc.read().unwrap_err();

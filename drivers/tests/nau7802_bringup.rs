@@ -1,7 +1,7 @@
 //! The bring-up sequence against a fake register file in virtual time, with a failure at each stage.
 //!
 //! The fake is written from the datasheet's description, not from the driver, and keeps what a caller
-//! can get wrong: RR is a level, PUR needs time, CTRL2 ignores writes during a calibration, CAL_ERR is
+//! can get wrong: RR is a level, PUR needs time, CALS ignores writes during a calibration, CAL_ERR is
 //! sticky, and 0x15 reads back only while 0x1B bit 7 is 0.
 
 use drivers::nau7802::bringup::limits;
@@ -88,10 +88,11 @@ impl Fake {
                 self.registers[0] = value & !0x28;
             }
             _ if reset => {}
-            2 if self.calibrating_until.is_some() => {}
             2 => {
-                self.registers[2] = (self.registers[2] & 0x08) | (value & !0x08);
-                if value & 4 != 0 {
+                let busy = self.calibrating_until.is_some();
+                let kept = if busy { 0x0C } else { 0x08 };
+                self.registers[2] = (self.registers[2] & kept) | (value & !kept);
+                if value & 4 != 0 && !busy {
                     assert_ne!(self.registers[0] & 0x10, 0, "calibration with CS = 0");
                     self.calibrations += 1;
                     self.calibrating_until = Some(self.now_us + CALIBRATION_US);

@@ -52,6 +52,9 @@ mutants! { TESTED:
     "tip-keeps-a-dead-cell": "board/src/machine/supervision.rs", "            self.tip.forget(unit);\n" => "";
     "expiry-while-ramping": "board/src/machine/supervision.rs", "self.system == SystemState::Running && self.expiry.is_expired(now)" => "self.system.drives() && self.expiry.is_expired(now)";
     "silent-detail-zero": "board/src/machine/supervision.rs", "slot.rate.last().map_or(0, |last| now.since(last))" => "0";
+    "five-results-discarded": "drivers/src/nau7802/settling.rs", "pub const RESULTS: u8 = 6;" => "pub const RESULTS: u8 = 5;";
+    "pointer-ahead-while-settling": "board/src/bus/schedule.rs", " && unit.settling.is_over()" => "";
+    "astray-read-keeps-pointers": "board/src/bus/mod.rs", "        if astray {\n" => "        if false {\n";
     "first-sample-second": "board/src/machine/mod.rs", "pub const FIRST_SAMPLE_MS: u32 = 100;" => "pub const FIRST_SAMPLE_MS: u32 = 1_000;";
     "stuck-only-first-five": "board/src/machine/supervision.rs", "        for unit in UnitIndex::ALL {\n            self.watch_unit(unit, now, fx);" => "        for unit in UnitIndex::ALL.into_iter().take(5) {\n            self.watch_unit(unit, now, fx);";
     "ramp-keeps-loop-closed": "control/src/unit.rs", "            Drive::Off => {\n                state.command.set(Newton::ZERO);" => "            Drive::Off => {\n                state.command.set(state.command.value());";
@@ -88,7 +91,7 @@ mutants! { TESTED:
     "setpoint-of-16-n": "control/src/unit.rs", "            .tension_max_un\n            .min(config.wire().force_limit_un);" => "            .force_limit_un;";
     "no-read-back": "board/src/bus/mod.rs", "                self.unread = Some(mask);\n" => "";
     "read-back-without-room": "board/src/bus/mod.rs", "            .filter(|_| self.has_room(now, READ_BACK_ROOM_US))" => "            .filter(|_| self.has_room(now, -10_000))";
-    "pointers-kept-after-read-back": "board/src/bus/mod.rs", "                // A pointer may have been written to another converter.\n                for unit in &mut self.units {\n                    unit.pointer_set = false;\n                }\n" => "";
+    "pointers-kept-after-read-back": "board/src/bus/mod.rs", "                // A pointer may have been written to another converter.\n                self.forget_pointers();\n" => "";
     "stuck-after-40": "board/src/bus/mod.rs", "pub const STUCK_AFTER: u16 = 4;" => "pub const STUCK_AFTER: u16 = 40;";
     "drdy-glitch-accepted": "board/src/bus/mod.rs", "            if interval < period / 4 {\n                return;\n            }\n" => "";
 }

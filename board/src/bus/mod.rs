@@ -152,9 +152,7 @@ impl Bus {
     pub fn set_pointer_ahead(&mut self, ahead: bool) {
         self.pointer_ahead = ahead;
         if !ahead {
-            for unit in &mut self.units {
-                unit.pointer_set = false;
-            }
+            self.forget_pointers();
         }
     }
 
@@ -219,6 +217,7 @@ impl Bus {
     /// is high.
     pub fn tick(&mut self, now: Micros, drdy: UnitSet, sink: &mut impl Sink) {
         self.check_deadline(now, sink);
+        let mut astray = false;
         for (n, unit) in UnitIndex::zip(&mut self.units) {
             // A line that is high before the first edge shows a result from before the start, or none at all: whether a
             // start lowers DRDY is not documented. It is read, which lowers the line, and its code is dropped.
@@ -232,6 +231,12 @@ impl Bus {
                 unit.left_over = true;
                 continue;
             }
+            // A read lowers the line. One that is high still was not read: a mask that changed on its way, and that another one
+            // followed before it was read back, has led the read to another converter and moved that one's pointer.
+            astray |= matches!(unit.phase, Phase::Streaming)
+                && drdy.contains(n)
+                && unit.ready.is_none()
+                && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if unit == n);
             let overdue = unit
                 .last_edge
                 .is_some_and(|last| now.since(last) > PERIOD_US + PERIOD_US / 4);
@@ -247,6 +252,16 @@ impl Bus {
                 unit.ready = Some(now);
                 sink.event(Event::Edge { unit: n });
             }
+        }
+        if astray {
+            self.forget_pointers();
+        }
+    }
+
+    /// No register pointer is where it was left.
+    fn forget_pointers(&mut self) {
+        for unit in &mut self.units {
+            unit.pointer_set = false;
         }
     }
 
@@ -379,9 +394,7 @@ impl Bus {
                     return;
                 }
                 // A pointer may have been written to another converter.
-                for unit in &mut self.units {
-                    unit.pointer_set = false;
-                }
+                self.forget_pointers();
                 self.mux_changes = self.mux_changes.saturating_add(1);
                 if self.mux_changes.is_multiple_of(MAX_MUX_NACKS) {
                     let mask = mask.bits();
@@ -395,8 +408,11 @@ impl Bus {
             } => {
                 let slot = &mut self.units[unit as usize];
                 slot.failures = 0;
-                if matches!(slot.phase, Phase::Streaming) && !left_over {
-                    let missed = core::mem::take(&mut slot.missed);
+                if !matches!(slot.phase, Phase::Streaming) || left_over {
+                    return;
+                }
+                let missed = core::mem::take(&mut slot.missed);
+                if slot.settling.result() {
                     sink.event(Event::Sample {
                         unit,
                         code: nau7802::proto::decode_adc(bytes),
@@ -424,9 +440,7 @@ impl Bus {
     fn failed(&mut self, job: Job, error: TransferError, now: Micros, sink: &mut impl Sink) {
         self.mux.invalidate();
         self.unread = None;
-        for unit in &mut self.units {
-            unit.pointer_set = false;
-        }
+        self.forget_pointers();
         match job {
             // Only a NACK counts here. A blocked line leads to a fault by rounds of recovery.
             Job::Select(mask) | Job::ReadBack(mask) if error == TransferError::Nack => {

@@ -65,14 +65,16 @@ impl Bus {
         longest.map(|(n, _)| n)
     }
 
-    /// The selected unit, if the register pointer of its converter does not address the result.
+    /// The selected unit, if the register pointer of its converter does not address the result. Not while it settles: a converter
+    /// that latches its result when the pointer is written would then give the last unsettled result as the first sample.
     pub(super) fn unit_without_pointer(&self) -> Option<UnitIndex> {
         let MuxState::Known(mask) = self.mux.state() else {
             return None;
         };
         let selected = UnitIndex::new(mask.bits().trailing_zeros() as u8)?;
         let unit = &self.units[selected as usize];
-        (matches!(unit.phase, Phase::Streaming) && !unit.pointer_set).then_some(selected)
+        (matches!(unit.phase, Phase::Streaming) && unit.settling.is_over() && !unit.pointer_set)
+            .then_some(selected)
     }
 
     pub(super) fn due_next(&self, now: Micros) -> Option<UnitIndex> {

@@ -2,7 +2,7 @@
 
 use super::PERIOD_US;
 use control::Micros;
-use drivers::nau7802::{Action, Bringup};
+use drivers::nau7802::{Action, Bringup, Settling};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Next {
@@ -37,6 +37,8 @@ pub(super) struct Unit {
     pub(super) pointer_set: bool,
     /// What is ready is a result from before the first edge: read it and drop it.
     pub(super) left_over: bool,
+    /// Results to drop until the converter has settled.
+    pub(super) settling: Settling,
 }
 
 impl Unit {
@@ -50,6 +52,7 @@ impl Unit {
             failures: 0,
             pointer_set: false,
             left_over: false,
+            settling: Settling::begun(),
         }
     }
 

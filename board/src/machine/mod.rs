@@ -41,7 +41,8 @@ pub const LINKS: usize = 2;
 /// Time after arming in which the first setpoints must have come, in milliseconds.
 pub const FIRST_SETPOINT_MS: u16 = 1_000;
 
-/// Time from the end of a bring-up to its first sample, in milliseconds: seven conversions are 22 ms.
+/// Time from the end of a bring-up to its first sample, in milliseconds: six conversions that settle, six results that are
+/// discarded and the first sample are 42 ms with the slowest clock.
 pub const FIRST_SAMPLE_MS: u32 = 100;
 
 /// Failed reads of a converter in a row that make a fault.

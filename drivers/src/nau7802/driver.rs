@@ -8,6 +8,7 @@ use super::code::{AdcCode, Coefficients};
 use super::config::Config;
 use super::proto;
 use super::regs::{CalibrationMode, Channel, Gain, PuCtrl, Rate, Register, Revision, ADDRESS};
+use super::settling::Settling;
 
 /// What a transaction was about, for messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,12 +91,17 @@ impl<E: core::fmt::Debug> core::error::Error for Error<E> {}
 pub struct Nau7802<I2C> {
     i2c: I2C,
     config: Config,
+    settling: Settling,
 }
 
 impl<I2C: I2c> Nau7802<I2C> {
     /// Takes the bus. Nothing is sent; call [`Self::bring_up`].
     pub const fn new(i2c: I2C, config: Config) -> Self {
-        Self { i2c, config }
+        Self {
+            i2c,
+            config,
+            settling: Settling::over(),
+        }
     }
 
     /// The settings in force after the last successful sequence.
@@ -173,14 +179,16 @@ impl<I2C: I2c> Nau7802<I2C> {
         self.run(Bringup::calibrate(self.config, mode), delay)
     }
 
-    /// Reads the conversion result. Wait for DRDY first: an early read repeats the previous result.
+    /// Reads the conversion result. Wait for DRDY first: an early read repeats the previous result, and counts as one.
+    /// `None`: one of the [`Settling::RESULTS`] that follow a start, a calibration or a change, which are discarded. Before the
+    /// first call after one of these, read and drop a result that is ready already.
     ///
     /// # Errors
     /// [`Error::Bus`].
-    pub fn read(&mut self) -> Result<AdcCode, Error<I2C::Error>> {
+    pub fn read(&mut self) -> Result<Option<AdcCode>, Error<I2C::Error>> {
         let mut bytes = [0; proto::READ_ADC_LEN];
         self.read_burst(Register::Adco, &mut bytes)?;
-        Ok(proto::decode_adc(bytes))
+        Ok(self.settling.result().then_some(proto::decode_adc(bytes)))
     }
 
     /// Reads PU_CTRL. Its conversion-ready bit is no substitute for the DRDY pin.
@@ -226,7 +234,9 @@ impl<I2C: I2c> Nau7802<I2C> {
                 register: Coefficients::register(channel),
                 operation: Operation::Write,
                 source,
-            })
+            })?;
+        self.settling = Settling::begun();
+        Ok(())
     }
 
     /// Starts the conversions (CS=1).
@@ -235,10 +245,13 @@ impl<I2C: I2c> Nau7802<I2C> {
     /// [`Error::Bus`].
     pub fn start(&mut self) -> Result<(), Error<I2C::Error>> {
         let value = self.config.pu_ctrl().with_cycle_start(true).bits();
-        self.write_register(Register::PuCtrl, value)
+        self.write_register(Register::PuCtrl, value)?;
+        self.settling = Settling::begun();
+        Ok(())
     }
 
-    /// Stops the conversions (CS=0); everything else stays powered and set.
+    /// Stops the conversions (CS=0); everything else stays powered and set. Parts are known that convert without CS: DRDY may
+    /// go on.
     ///
     /// # Errors
     /// [`Error::Bus`].
@@ -332,7 +345,10 @@ impl<I2C: I2c> Nau7802<I2C> {
                     delay.delay_us(us);
                     Event::Waited
                 }
-                Action::Done => return Ok(()),
+                Action::Done => {
+                    self.settling = Settling::begun();
+                    return Ok(());
+                }
                 Action::Failed(error) => {
                     // A bus error before a successful restart is not the cause of a later failed check.
                     let source = if error.cause == Cause::Bus {

@@ -5,13 +5,15 @@
 //! * [`proto`]: bytes of each transaction. [`proto::READ_ADC`] and [`proto::decode_adc`] are the whole
 //!   sample path.
 //! * [`Bringup`]: power-up, configuration, verification and calibration as a state machine.
+//! * [`Settling`]: which results to discard after a start.
 //! * [`Nau7802`]: blocking driver over the same.
 //! * [`fast_read`]: what FRD is, and why it is off.
 //!
 //! # Traps that this driver avoids
 //! The conversion-ready bit is not a substitute for the DRDY pin; CALS is waited for and CAL_ERR
 //! checked after each calibration; CS is set, or nothing converts; results are sign-extended from 24
-//! bits; the revision is read only once PUR is up, and then retried a bounded number of times.
+//! bits; the revision is read only once PUR is up, and then retried a bounded number of times; six results
+//! are discarded after a start, whether or not the part announces them.
 //!
 //! # Timing
 //! DRDY announces a result that is already 6.25 ms old at 320 samples a second (group delay of the
@@ -40,6 +42,7 @@ mod driver;
 pub mod fast_read;
 pub mod proto;
 mod regs;
+mod settling;
 
 pub use bringup::{Action, Bringup, Cause, Event, SequenceError, Stage};
 pub use code::{AdcCode, Coefficients, GainCoefficient, OffsetCoefficient};
@@ -49,3 +52,4 @@ pub use regs::{
     Adc, CalibrationMode, Channel, Ctrl1, Ctrl2, DrdyPolarity, Gain, I2cCtrl, LdoVoltage, Pga,
     Power, PuCtrl, Rate, Register, Revision, ADDRESS,
 };
+pub use settling::Settling;

@@ -7,6 +7,7 @@
 //!   -> read every one of them back
 //!   -> CS=1, calibrate, wait CALS=0, check CAL_ERR      section 8.6
 //!   -> CS=0, CS=1                                      fresh conversion cycle
+//!   -> the owner discards six results                  section 8.4, see `Settling`
 //! ```
 //!
 //! The owner performs each [`Action`] and reports the outcome as an [`Event`]. Nothing in between is

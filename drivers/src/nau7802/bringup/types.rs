@@ -12,7 +12,8 @@ pub enum Action {
     WriteRead([u8; 1]),
     /// Let at least this many microseconds pass, then report [`Event::Waited`].
     WaitUs(u32),
-    /// Finished: the converter runs; the first six conversions settle and DRDY stays quiet for them.
+    /// Finished: the converter runs. Its first six conversions settle, and may come with DRDY: discard six results
+    /// ([`Settling`](crate::nau7802::Settling)), and a result that was ready before.
     Done,
     /// Given up. The part may be in any state; start again with a new machine.
     Failed(SequenceError),
