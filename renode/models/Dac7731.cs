@@ -28,14 +28,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 return;
             }
+            var sent = word;
             if(idleHigh != secondEdge)
             {
-                // Data changes on the rising edge, which is the one that this part samples.
+                // Data changes on the rising edge, which is the one that this part samples: it sees the bit before, the first time
+                // what the word before has left on the line.
                 this.Log(LogLevel.Warning, "SPI mode {0}: the word is sampled on the wrong edge", (idleHigh ? 2 : 0) + (secondEdge ? 1 : 0));
-                word <<= 1;
+                word = word >> 1 | lastBit << bits - 1;
             }
-            shift = shift << bits | word;
+            lastBit = sent & 1;
+            shift = (shift << bits | word) & 0xFFFF;
             shifted += bits;
+            fresh = true;
         }
 
         /// Renode's interface: a byte in mode 3. SDO is not modelled.
@@ -67,7 +71,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 inReset = !value;
                 if(inReset)
                 {
-                    input = MidScale;
+                    shift = MidScale;
                     Output(MidScale);
                 }
                 break;
@@ -87,17 +91,13 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 if(!clockIdlesHigh)
                 {
                     // CS rises while SCLK is low: one more bit is shifted (data sheet, "Serial interface").
-                    shift <<= 1;
+                    shift = (shift << 1 | lastBit) & 0xFFFF;
                     shifted++;
+                    fresh = true;
                 }
                 if(shifted != 0 && shifted != 16)
                 {
                     this.Log(LogLevel.Warning, "{0} bits between the edges of CS", shifted);
-                }
-                if(shifted != 0)
-                {
-                    input = shift & 0xFFFF;
-                    fresh = true;
                 }
             }
             else if(!high)
@@ -107,13 +107,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             highSelect = high;
         }
 
+        /// The output takes the shift register, also within a word.
         private void Update()
         {
+            if(!highSelect && shifted % 16 != 0)
+            {
+                this.Log(LogLevel.Warning, "LDAC rose after {0} bits of a word", shifted % 16);
+            }
             if(fresh)
             {
                 fresh = false;
-                Output(input);
-                rig.NoteUpdate(unit, input, time.Now);
+                Output(shift);
+                rig.NoteUpdate(unit, shift, time.Now);
             }
         }
 
@@ -132,7 +137,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private bool highSelect = true;
         private bool fresh;
         private uint shift = MidScale;
-        private uint input = MidScale;
+        private uint lastBit;
         private uint output = MidScale;
         private int shifted;
 

@@ -247,8 +247,24 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 {
                     Flags ^= 2;
                 }
+                // CPT toggles each time that the counter comes to PR, also on its way from one look to the next.
+                if((Passes(Counter, sum) & 1) != 0)
+                {
+                    Flags ^= 4;
+                }
                 Flags = counts > 0 ? Flags | 0x20 : Flags & ~0x20u;
                 Counter = (uint)(sum & 0xFFFFFF);
+            }
+
+            private long Passes(long from, long to)
+            {
+                return to >= from ? Turns(to) - Turns(from) : Turns(from - 1) - Turns(to - 1);
+            }
+
+            /// Whole turns of 24 bits from PR to a number, rounded down.
+            private long Turns(long number)
+            {
+                return number - Preset >> 24;
             }
 
             public uint Counter;

@@ -136,6 +136,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// The two signal wires are exchanged.
         public bool WrongSign { get; set; }
 
+        /// A variant: conversions need no CS and do not stop with it, as published drivers that never set it expect.
+        public bool FreeRuns { get; set; }
+
+        /// A variant: the six conversions that settle come with DRDY and a part of the load.
+        public bool ReportsUnsettled { get; set; }
+
         /// Codes added to the next conversion, once.
         public int Spike { get; set; }
 
@@ -182,6 +188,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             LoseCalibration();
             calibrationFails = false;
             calibrating = false;
+            calibrationEpoch++;
             result = 0;
             StopConversions();
         }
@@ -244,18 +251,19 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 registers[address] = value;
                 if(before != value)
                 {
+                    calibrationSpoilt |= calibrating;
                     Restart();
                 }
                 UpdateReadyPin();
                 break;
             case Control2:
+                registers[address] = (byte)(value & ~0x0C);
                 if(calibrating)
                 {
-                    this.Log(LogLevel.Warning, "CTRL2 written during a calibration: ignored");
-                    return;
+                    // CALS alone ignores a write while it is set. Another channel or rate spoils the calibration.
+                    calibrationSpoilt |= ((before ^ value) & 0xF0) != 0;
                 }
-                registers[address] = (byte)(value & ~0x0C);
-                if((value & 4) != 0)
+                else if((value & 4) != 0)
                 {
                     Calibrate();
                 }
@@ -293,15 +301,17 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 poweredUpAt = ulong.MaxValue;
             }
-            if(((before ^ value) & 0x16) != 0)
+            if(((before ^ value) & NeededBits) != 0)
             {
                 Restart();
             }
         }
 
-        private bool CanConvert { get { return (registers[PowerControl] & 0x16) == 0x16 && !calibrating && !unplugged; } }
+        private int NeededBits { get { return FreeRuns ? 0x06 : 0x16; } }
 
-        /// Six conversions settle after the start and after each change (data sheet 8.4): DRDY stays quiet.
+        private bool CanConvert { get { return (registers[PowerControl] & NeededBits) == NeededBits && !calibrating && !unplugged; } }
+
+        /// Six conversions settle after the start and after each change (data sheet 8.4): DRDY stays quiet, but in a variant.
         private void Restart()
         {
             StopConversions();
@@ -353,7 +363,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 bridge = -bridge;
             }
             IdealCode = (int)Math.Round(bridge * Gain * 16777216.0);
-            var code = bridge * Gain * 16777216.0 + NoiseCounts() + zeroCounts + Spike;
+            var part = settling > 0 ? Settling[SettlingConversions - settling] : 1.0;
+            var code = part * bridge * Gain * 16777216.0 + NoiseCounts() + zeroCounts + Spike;
             Spike = 0;
             if((registers[Control2] & 0x80) != 0)
             {
@@ -367,7 +378,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             if(settling > 0)
             {
                 settling--;
-                return;
+                if(!ReportsUnsettled)
+                {
+                    return;
+                }
             }
             rig.NoteReady(unit, at, result);
             conversionReady = true;
@@ -383,20 +397,39 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private void Calibrate()
         {
             calibrating = true;
+            calibrationSpoilt = false;
+            var channel = registers[Control2] >> 7;
             StopConversions();
-            var mine = epoch;
+            var mine = ++calibrationEpoch;
             time.At(time.Now + CalibrationNs, delegate
             {
-                if(mine != epoch)
+                if(mine != calibrationEpoch)
                 {
                     return;
                 }
                 calibrating = false;
-                calibrationFails = (registers[PowerControl] & 6) != 6;
-                // Each calibration finds zero a little elsewhere, as users of the part report.
-                zeroCounts = ZeroScatterCounts * random.Normal();
+                calibrationFails = calibrationSpoilt || (registers[PowerControl] & 6) != 6;
+                if(!calibrationFails)
+                {
+                    WriteOffset(channel == 0 ? Offset1 : Offset2);
+                }
                 Restart();
             });
+        }
+
+        /// What a calibration leaves: the offset that it found in the channel's coefficient, and a zero a little elsewhere each time,
+        /// as users of the part report. Conversions are computed with `zeroCounts`; the coefficient is there to be read.
+        private void WriteOffset(int register)
+        {
+            var remaining = ZeroScatterCounts * random.Normal();
+            var offset = (int)Math.Round(zeroCounts - remaining);
+            registers[register] = (byte)(offset >> 16);
+            registers[register + 1] = (byte)(offset >> 8);
+            registers[register + 2] = (byte)offset;
+            if(register == Offset1)
+            {
+                zeroCounts = remaining;
+            }
         }
 
         /// Input-referred noise: 50 nV at 10 SPS and gain 128, with the root of the rate (data sheet 7.2).
@@ -439,6 +472,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private bool unplugged;
         private bool calibrating;
         private bool calibrationFails;
+        private bool calibrationSpoilt;
         private bool converting;
         private bool conversionReady;
         private bool answered;
@@ -454,6 +488,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private double rateFactor = 1.0;
         private ulong poweredUpAt;
         private ulong epoch;
+        private ulong calibrationEpoch;
         private Random64 random = new Random64(1);
 
         private readonly int unit;
@@ -462,6 +497,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private readonly byte[] registers = new byte[128];
         private readonly double[] weights;
         private readonly double[] history;
+
+        /// Share of the load in the conversions that settle; the same figures as the embedded rig's.
+        private static readonly double[] Settling = { 0.04, 0.25, 0.58, 0.92, 0.98, 0.995 };
 
         private static readonly double[] Reference = { 4.5, 4.2, 3.9, 3.6, 3.3, 3.0, 2.7, 2.4 };
 
@@ -475,6 +513,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private const int Oversampling = 16;
         private const int SettlingConversions = 6;
+        private const int Offset1 = 0x03;
+        private const int Offset2 = 0x0A;
         private const ulong PowerUpNs = 200000;
         private const ulong CalibrationNs = 344000000;
         private const double ZeroScatterCounts = 600.0;

@@ -281,6 +281,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case "wrong-sign":
                 cells[Rig.Index(unit)].WrongSign = words[3] == "1";
                 break;
+            case "free-run":
+                foreach(var cell in cells)
+                {
+                    cell.FreeRuns = words[2] == "1";
+                }
+                break;
+            case "report-unsettled":
+                foreach(var cell in cells)
+                {
+                    cell.ReportsUnsettled = words[2] == "1";
+                }
+                break;
             case "plug-usb":
                 usbHost.Plug(words[2] == "1");
                 break;

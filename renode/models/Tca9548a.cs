@@ -74,9 +74,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             return true;
         }
 
+        /// The last byte written, which the STOP puts in force.
         public byte ReadByte()
         {
-            return mask;
+            return written ?? mask;
         }
 
         public void Stop()

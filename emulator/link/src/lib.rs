@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 7;
+pub const LINK_VERSION: u32 = 8;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -114,6 +114,10 @@ pub enum Injection {
     /// DRDY rises at the end of a calibration and a start of conversions leaves it high (`true`). Left open by the
     /// datasheet too.
     KeepReady(bool),
+    /// Converters convert without CS, and do not stop with it (`true`): published drivers work that never set it.
+    FreeRun(bool),
+    /// The six conversions that settle after a start come with DRDY (`true`). Sources differ.
+    ReportUnsettled(bool),
     /// The next so many rising edges of a unit's DRDY line do not reach the controller.
     LoseDrdy(u8, u8),
     /// The ST-Link's clock stops (`true`), or comes back for the next start. The clock security system's NMI follows

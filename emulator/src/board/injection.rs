@@ -86,6 +86,16 @@ impl Board {
                     converter.defects().keeps_ready = on;
                 }
             }
+            Injection::FreeRun(on) => {
+                for converter in &mut self.converters {
+                    converter.defects().free_runs = on;
+                }
+            }
+            Injection::ReportUnsettled(on) => {
+                for converter in &mut self.converters {
+                    converter.defects().reports_unsettled = on;
+                }
+            }
             Injection::StuckDac(number, on) => self.dacs[unit(number)?].set_stuck(on),
             Injection::HoldSda(on) => {
                 self.sda_held = on;

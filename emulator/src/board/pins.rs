@@ -102,7 +102,7 @@ impl Board {
                 if dac.is_selected() {
                     self.complaints.add(
                         format!("DAC7731[{}]", unit + 1),
-                        "LDAC rose while CS was low: the word is not in the input register yet",
+                        "LDAC rose while CS was low: the output takes what the shift register holds within the word",
                     );
                 }
                 dac.load();

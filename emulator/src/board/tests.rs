@@ -189,3 +189,26 @@ fn the_alive_line_and_ldac_reach_the_plant() {
     assert!(truth.tension_n[1] < 1.0);
     assert!(board.complaints().is_empty());
 }
+
+/// A load within a word reaches the motor as a voltage that nobody asked for, and is complained about.
+#[test]
+fn a_load_within_a_word_is_a_wrong_torque() {
+    let mut board = board();
+    board.spi_set(
+        Mode {
+            cpol: true,
+            cpha: true,
+        },
+        Some(true),
+    );
+    let f = wiring::IDLE[5];
+    let load = |board: &mut Board| {
+        board.port_changed(0, 5, 0xF000, f & !wiring::DAC_LDAC.bit());
+        board.port_changed(0, 5, 0xF000, f);
+    };
+    board.port_changed(0, 6, 0x3F, 0x3E);
+    board.spi_frame(0x8D, 8);
+    load(&mut board);
+    assert!(board.truth(0).dac_v[0] < -9.0, "{:?}", board.truth(0).dac_v);
+    assert!(!board.complaints().is_empty());
+}

@@ -1,9 +1,10 @@
 //! DAC7731: 16-bit bipolar DAC (TI SBAS249; serial timing in its figure 1, codes in table 2).
 //!
-//! The shift register takes SDI on the rising SCLK edge while CS is low. Rising CS ends the word and moves
-//! the shift register to the input register; while SCLK is low at that instant one more bit is shifted
-//! first. Rising LDAC moves the input register to the output. RST low puts both to mid-scale (RSTSEL high).
-//! Straight binary: 0x0000 = -full scale, 0x8000 = 0 V.
+//! The shift register takes SDI on the rising SCLK edge while CS is low. Rising CS ends the word; while SCLK is
+//! low at that instant one more bit is shifted. Rising LDAC moves the shift register to the output, whatever
+//! it holds and wherever CS stands: a load within a word gives a voltage of two words. Drivers that hold CS low
+//! for good work by that. RST low puts both to mid-scale (RSTSEL high). Straight binary: 0x0000 = -full
+//! scale, 0x8000 = 0 V.
 
 /// SPI clock polarity and phase as the controller is set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,7 +33,6 @@ pub const FULL_SCALE_V: f64 = 10.0;
 #[derive(Debug, Clone)]
 pub struct Dac7731 {
     shift: u16,
-    input: u16,
     output: u16,
     selected: bool,
     last_bit: bool,
@@ -43,8 +43,7 @@ pub struct Dac7731 {
 impl Default for Dac7731 {
     fn default() -> Self {
         Self {
-            shift: 0,
-            input: MID_SCALE,
+            shift: MID_SCALE,
             output: MID_SCALE,
             selected: false,
             last_bit: false,
@@ -97,14 +96,13 @@ impl Dac7731 {
         if !sclk_high {
             self.shift = self.shift << 1 | u16::from(self.last_bit);
         }
-        self.input = self.shift;
         !sclk_high
     }
 
     /// LDAC rises.
     pub fn load(&mut self) {
         if !self.reset && !self.stuck {
-            self.output = self.input;
+            self.output = self.shift;
         }
     }
 
@@ -112,7 +110,7 @@ impl Dac7731 {
     pub fn set_reset(&mut self, low: bool) {
         self.reset = low;
         if low {
-            self.input = MID_SCALE;
+            self.shift = MID_SCALE;
             if !self.stuck {
                 self.output = MID_SCALE;
             }
@@ -204,6 +202,32 @@ mod tests {
         assert_eq!(dac.volts(), 0.0);
         dac.load();
         assert_eq!(dac.volts(), 5.0);
+    }
+
+    #[test]
+    fn a_load_within_a_word_takes_the_bits_of_two() {
+        let mut dac = Dac7731::default();
+        send(&mut dac, 0x8123, MODE3);
+        dac.select();
+        dac.clock_in(0x7F, 8, MODE3);
+        dac.load();
+        assert_eq!(dac.code(), 0x237F);
+        dac.clock_in(0xFF, 8, MODE3);
+        dac.deselect(true);
+        assert_eq!(dac.code(), 0x237F);
+        dac.load();
+        assert_eq!(dac.code(), 0x7FFF);
+    }
+
+    #[test]
+    fn a_select_that_stays_low_works_word_by_word() {
+        let mut dac = Dac7731::default();
+        dac.select();
+        for word in [0xC000, 0x4000] {
+            dac.clock_in(word, 16, MODE3);
+            dac.load();
+            assert_eq!(u32::from(dac.code()), word);
+        }
     }
 
     #[test]

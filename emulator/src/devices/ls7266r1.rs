@@ -31,6 +31,17 @@ pub mod flag {
     pub const U_D: u8 = 0x20;
 }
 
+/// How often a counter that goes from `from` to `to` one by one comes to `place` of `modulus`.
+fn passes(from: i64, to: i64, place: i64, modulus: i64) -> i64 {
+    // Multiples of the modulus up to a number, from the place on.
+    let up_to = |number: i64| (number - place).div_euclid(modulus);
+    if to >= from {
+        up_to(to) - up_to(from)
+    } else {
+        up_to(from - 1) - up_to(to - 1)
+    }
+}
+
 #[derive(Debug, Clone, Default)]
 struct Axis {
     counter: i64,
@@ -73,25 +84,23 @@ impl Axis {
             return;
         }
         self.flags = self.flags & !flag::U_D | if step > 0 { flag::U_D } else { 0 };
-        let target = self.counter + step;
         let preset = self.preset_value();
-        match self.mode >> 1 & 3 {
+        // Where the counter ends up, and the numbers after which it is at the same place again: it passes each of those between.
+        let (target, modulus) = match self.mode >> 1 & 3 {
             // Range limit: stops at PR and at 0.
-            1 => self.counter = target.clamp(0, preset.max(0)),
+            1 => ((self.counter + step).clamp(0, preset), MODULUS),
             // Non-recycle: stops at the first carry or borrow until reset or load.
-            2 => {
-                if !self.stopped {
-                    self.wrap(target, MODULUS);
-                    self.stopped = !(0..MODULUS).contains(&target);
-                }
-            }
+            2 if self.stopped => return,
+            2 => ((self.counter + step).clamp(-1, MODULUS), MODULUS),
             // Modulo-N: 0 to PR.
-            3 => self.wrap(target, preset + 1),
-            _ => self.wrap(target, MODULUS),
-        }
-        if self.counter == preset {
+            3 => (self.counter + step, preset + 1),
+            _ => (self.counter + step, MODULUS),
+        };
+        self.stopped |= self.mode >> 1 & 3 == 2 && !(0..MODULUS).contains(&target);
+        if passes(self.counter, target, preset, modulus) & 1 == 1 {
             self.flags ^= flag::CPT;
         }
+        self.wrap(target, modulus);
     }
 
     fn wrap(&mut self, target: i64, modulus: i64) {
@@ -269,7 +278,9 @@ mod tests {
         assert_eq!(bus.0.read(1, true), flag::U_D);
         bus.0.turn(0, 5);
         assert_eq!(bus.count(0), 5);
-        assert_eq!(bus.0.read(0, true), flag::BT | flag::CT | flag::U_D);
+        // On its way it came to 0, which is what PR holds.
+        let flags = flag::BT | flag::CT | flag::CPT | flag::U_D;
+        assert_eq!(bus.0.read(0, true), flags);
     }
 
     #[test]
@@ -302,6 +313,49 @@ mod tests {
         assert_eq!(bus.count(0), 0x80_0201);
         bus.control(0, 0x02);
         assert_eq!(bus.count(0), 0);
+    }
+
+    /// The shaft moves by many counts between two looks of the board; the counter has counted each.
+    #[test]
+    fn a_count_that_passes_the_preset_toggles_the_compare_flag() {
+        let mut bus = Bus::new();
+        bus.set_up();
+        for byte in [100, 0, 0] {
+            bus.0.write(0, false, byte, &mut bus.1);
+        }
+        let compare = |bus: &Bus| bus.0.read(0, true) & flag::CPT != 0;
+        let mut toggled = false;
+        for (edges, toggles) in [
+            (99, false),
+            (100, true),
+            (101, false),
+            (250, false),
+            (50, true),
+            (150, true),
+            (100, true),
+            (99, false),
+            (120 + MODULUS, false),
+            (120 + 2 * MODULUS, true),
+        ] {
+            bus.0.turn(0, edges);
+            toggled ^= toggles;
+            assert_eq!(compare(&bus), toggled, "at {edges}");
+        }
+        bus.control(0, 0x04);
+        assert!(!compare(&bus));
+    }
+
+    #[test]
+    fn non_recycle_stops_at_the_first_carry() {
+        let mut bus = Bus::new();
+        bus.set_up();
+        bus.control(0, 0x20 | 0x18 | 0x04);
+        bus.0.turn(0, MODULUS + 5);
+        bus.0.turn(0, MODULUS + 9);
+        assert_eq!(bus.count(0), 0);
+        bus.control(0, 0x02);
+        bus.0.turn(0, MODULUS + 12);
+        assert_eq!(bus.count(0), 3);
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! One control byte, bit n = channel n. A new mask takes effect only at the STOP that ends the
 //! transaction; of several bytes written the last counts. 0x00 after power-on and after RESET, which also
-//! puts the bus state machine back and is how a master frees a segment that hangs.
+//! puts the bus state machine back and is how a master frees a segment that hangs. A read after a repeated
+//! START gives the byte that is stored, before it is in force.
 
 /// The multiplexer of one segment.
 #[derive(Debug, Clone)]
@@ -48,10 +49,10 @@ impl Tca9548a {
         true
     }
 
-    /// Reads the control register back: the mask in force.
+    /// Reads the control register back: the last byte written, which the STOP puts in force.
     #[must_use]
-    pub const fn read(&self) -> u8 {
-        self.mask
+    pub fn read(&self) -> u8 {
+        self.written.unwrap_or(self.mask)
     }
 
     /// STOP: a mask that was written takes effect.
@@ -98,7 +99,7 @@ mod tests {
         assert_eq!(mux.mask(), 0);
         // A repeated START is no STOP: the old channel is still the one connected.
         assert!(mux.start(0x70, true));
-        assert_eq!((mux.read(), mux.mask()), (0, 0));
+        assert_eq!((mux.read(), mux.mask()), (0x04, 0));
         mux.stop();
         assert_eq!(mux.mask(), 0x04);
         assert!(mux.start(0x70, true));

@@ -5,6 +5,7 @@
 //! * Start-up: nothing converts before PUD, PUA and CS; PUR comes about 200 us after PUD; the revision reads
 //!   0 until a moment after PUR.
 //! * The first six conversions after a start settle and DRDY stays quiet for them (section 8.4).
+//! * A calibration writes the coefficients of the channel that is selected, and conversions use those.
 //! * DRDY rises when a result is ready and falls when 0x12 is read. An unread result is replaced without
 //!   notice: the pin stays high and there is no further edge.
 //! * Reading 0x12 latches all 24 bits; a read while nothing is new returns the old result.
@@ -14,6 +15,9 @@
 //! * Its RC clock is up to 3 % off and drifts, so six converters never stay in step.
 //! * Fast read (0x11 bit 6) is 24 data clocks behind the address with no acknowledge slots, 33 clocks in all
 //!   where the plain read takes 54. A standard controller clocks nine per byte and sees it shifted.
+//!
+//! Where the datasheet lines at hand leave something open, or drivers that work on silicon contradict them, a variant
+//! of [`Defects`] has the other behaviour: `latches_at_pointer`, `keeps_ready`, `free_runs`, `reports_unsettled`.
 //!
 //! Not modelled: the second channel's own input (it is open on this board), the temperature sensor's
 //! scale, the OTP's content, CRSD.
@@ -47,6 +51,11 @@ pub struct Defects {
     pub latches_at_pointer: bool,
     /// Another variant: DRDY rises at the end of a calibration, and a start leaves it as it was.
     pub keeps_ready: bool,
+    /// Another variant: conversions need no CS and do not stop with it. Section 9.1 step 5 says that none takes place without; six
+    /// published drivers never set it.
+    pub free_runs: bool,
+    /// Another variant: the six conversions that settle come with DRDY. Linux's driver counts six ready results away.
+    pub reports_unsettled: bool,
     /// One conversion in so many becomes ready; 0 and 1: each.
     pub one_in: u64,
     /// Periods are longer by this share.
@@ -114,7 +123,8 @@ pub struct Nau7802 {
     calibrated: bool,
     next_conversion: Option<f64>,
     period_ns: f64,
-    settling: u32,
+    /// Conversions until the filter has settled.
+    settling: usize,
     result: i32,
     /// Number of the result in `result`, of the one in `latch`, and of the last one counted as read.
     result_number: u64,

@@ -6,6 +6,7 @@ pub(super) mod reg {
     pub(in super::super) const CTRL2: u8 = 0x02;
     pub(in super::super) const OCAL1: usize = 0x03;
     pub(in super::super) const GCAL1: usize = 0x06;
+    pub(in super::super) const OCAL2: usize = 0x0A;
     pub(in super::super) const GCAL2: usize = 0x0D;
     pub(in super::super) const I2C_CTRL: u8 = 0x11;
     pub(in super::super) const ADCO_B2: u8 = 0x12;
@@ -23,6 +24,7 @@ pub(super) mod bit {
     pub(in super::super) const CS: u8 = 0x10;
     pub(in super::super) const CR: u8 = 0x20;
     pub(in super::super) const AVDDS: u8 = 0x80;
+    pub(in super::super) const CHS: u8 = 0x80;
     pub(in super::super) const CAL_ERR: u8 = 0x08;
     pub(in super::super) const CALS: u8 = 0x04;
     pub(in super::super) const CRP: u8 = 0x80;

@@ -86,7 +86,8 @@ impl Nau7802 {
                     self.ready_at = Some(ready);
                     self.revision_at = ready + (1e6 * self.rng.uniform()) as u64;
                 }
-                let relevant = bit::PUD | bit::PUA | bit::CS | bit::AVDDS;
+                let cs = if self.defects.free_runs { 0 } else { bit::CS };
+                let relevant = bit::PUD | bit::PUA | cs | bit::AVDDS;
                 if (value ^ before[0]) & relevant != 0 {
                     self.restart(t_ns);
                 }
