@@ -18,6 +18,7 @@ mod measured;
 mod mutants;
 mod optional;
 mod process;
+mod pypi;
 mod python;
 mod renode;
 mod report;

@@ -12,7 +12,7 @@ use crate::report::{elapsed, say, Failure, Result};
 use crate::tally::{is_news, Tally};
 use crate::toolchain::{setup, Arm, TARGET};
 use crate::workspace::Workspace;
-use crate::{firmware, inspect, links, optional, python, renode, rig, rust_version};
+use crate::{firmware, inspect, links, optional, pypi, python, renode, rig, rust_version};
 
 /// How a step ended when it didn't fail.
 enum Outcome {
@@ -32,7 +32,7 @@ struct Step {
 }
 
 /// Cheap checks first; what later steps need before them.
-const STEPS: [Step; 18] = [
+const STEPS: [Step; 19] = [
     Step {
         name: "lock",
         title: "Cargo.lock fits the manifests",
@@ -107,6 +107,11 @@ const STEPS: [Step; 18] = [
         name: "python",
         title: "Python package: installed by pip, its tests, its notebooks",
         run: python,
+    },
+    Step {
+        name: "python-drivers",
+        title: "drivers of the converters from PyPI on their model (skips itself without PyPI)",
+        run: python_drivers,
     },
     Step {
         name: "clippy",
@@ -475,6 +480,28 @@ fn python(suite: &mut Suite) -> Result<Outcome> {
     command
         .env(rig::ELF_VARIABLE, workspace.firmware_elf())
         .env(rig::RIG_VARIABLE, workspace.program("rig"));
+    suite.tests(&mut command)
+}
+
+fn python_drivers(suite: &mut Suite) -> Result<Outcome> {
+    let requirements =
+        (suite.workspace.root()).join("emulator/core-sim/tests/python/requirements.txt");
+    // Without a word and without patience: no network is no failure here.
+    let pip = ["-qqq", "--retries", "1", "--timeout", "15"];
+    let name = "python-drivers";
+    let Ok(python) = pypi::environment(suite.workspace, name, &requirements, &pip) else {
+        return Ok(Outcome::Skipped(
+            "the packages can't be had from PyPI (Python 3.11 or later with venv, and the network)"
+                .into(),
+        ));
+    };
+    // The selection of `host`, which has compiled the test.
+    let mut command = rig::cargo(suite.workspace, "test");
+    command
+        .args(NO_IMAGE)
+        .args(NETWORKS)
+        .args(["--test", "python_drivers"])
+        .env("CHIP_TEST_PYTHON", python);
     suite.tests(&mut command)
 }
 
