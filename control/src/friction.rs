@@ -160,7 +160,7 @@ impl Model {
         let winding_in = times(base.saturating_add(coulomb), self.inv_in_q24);
         let paying_out = times(base.saturating_sub(coulomb), self.inv_out_q24);
         let middle = (winding_in + paying_out) >> 1;
-        // 28 bits (200 N at most), and 16 of the share.
+        // 29 bits (94 N at most within the ranges), and 16 of the share.
         let half = (((winding_in - paying_out) >> 1) * REVERSAL_SHARE_Q16) >> 16;
         let half = Newton::from_bits(half as i32);
         let taken = i64::from(level.times(half).to_bits()) * i64::from(direction.q30());
@@ -237,6 +237,14 @@ impl Level {
     const fn times(&self, half: Newton) -> Newton {
         let factor_q24 = (1 << 24) + self.excess_q24;
         Newton::from_bits(((half.to_bits() as i64 * factor_q24 as i64) >> 24) as i32)
+    }
+
+    /// The integral begins anew: its means so far are of another one. What was learned stays.
+    pub fn begin(&mut self) {
+        *self = Self {
+            excess_q24: self.excess_q24,
+            ..Self::default()
+        };
     }
 
     /// The reel does not slide, or the command is limited: the integral says nothing about

@@ -394,6 +394,7 @@ impl Controller {
                 );
                 let mut terms = state.pid.terms(config, &measured);
                 if !state.closed || state.rebase {
+                    state.level.begin();
                     let others = feedforward.saturating_add(terms.p).saturating_add(terms.d);
                     state
                         .pid

@@ -299,7 +299,8 @@ proptest! {
         prop_assert!((command - (middle + share * direction * half)).abs() < 1e-5, "{command}");
     }
 
-    /// What the feedforward takes over is what the integral gives up, whatever it holds.
+    /// What the feedforward takes over is what the integral gives up, whatever it holds. The tests of the loop show that
+    /// something is taken over.
     #[test]
     fn friction_that_is_learned_moves_from_the_integral_to_the_feedforward(
         slides in prop::collection::vec((1usize..200, any::<bool>(), -3.0f64..3.0, 0usize..300), 1..30),

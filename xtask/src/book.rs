@@ -12,7 +12,7 @@ use crate::report::{say, Failure, Result};
 use crate::workspace::Workspace;
 
 /// What pages link to: the folders whole, of the root the Markdown files.
-const FOLDERS: [&str; 2] = ["docs", "examples"];
+const FOLDERS: [&str; 3] = ["docs", "host-cli/examples", "python/examples"];
 
 /// Builds the book into `target/book`. Arguments go to `mdbook build`.
 ///

@@ -229,6 +229,8 @@ impl Bus {
             {
                 unit.ready = Some(now);
                 unit.left_over = true;
+                // Its read may have led to another converter, as below.
+                astray = true;
                 continue;
             }
             // A read lowers the line. One that is high still was not read: a mask that changed on its way, and that another one

@@ -371,6 +371,10 @@ impl Reference {
                 self.slow_nm += (speed - self.slow_nm) * 2_524.0 / 65_536.0;
                 let d = derivative - q16(w.damping_q16) * RATE * 1e-9 * (speed - self.slow_nm);
                 if !self.closed {
+                    self.level = Level {
+                        excess: self.level.excess,
+                        ..Level::default()
+                    };
                     self.integral = (self.command - feedforward - p - d).clamp(-limit, limit);
                 }
                 let i = self.integral;

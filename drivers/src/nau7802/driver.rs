@@ -320,6 +320,8 @@ impl<I2C: I2c> Nau7802<I2C> {
         mut sequence: Bringup,
         delay: &mut impl DelayNs,
     ) -> Result<(), Error<I2C::Error>> {
+        // A sequence that fails leaves results that nobody may use.
+        self.settling = Settling::begun();
         let mut bus_error = None;
         let mut event = Event::Start;
         loop {

@@ -194,7 +194,7 @@ impl Identify {
         }
         match recording {
             Err(error) if self.clear_implausible && identify::is_implausible(&error) => {
-                identify::clear_faults(link.as_mut(), &mut watch)?;
+                identify::clear_faults(link.as_mut(), &stop, &mut watch)?;
                 Ok(Err(error))
             }
             recording => Ok(Ok(recording?)),

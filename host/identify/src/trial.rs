@@ -7,7 +7,7 @@ use session::link::RigLink;
 use session::{LatchedFault, Patience, Session, SessionError, PERIOD};
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use wire::message::{CommandError, Status, UnitStatus};
 use wire::Command;
@@ -65,7 +65,7 @@ pub fn hold(
                 (Some(units), Some(outcome)) if clear => {
                     let why = format!("fault 45 (tension implausible) of {units} ended a session");
                     observer.notice(&format!("{why}; it is cleared"));
-                    clear_faults(link, observer)?;
+                    clear_faults(link, &options.stop, observer)?;
                     Ok(Held::Implausible(*outcome, why))
                 }
                 (Some(_), _) => Err(HoldError::Implausible(error)),
@@ -88,8 +88,12 @@ pub fn hold(
 /// fault 15 of another unit, or one that a tension shows, is not cleared.
 ///
 /// # Errors
-/// Another fault is latched, or the board refuses: the cause of a fault is still there.
-pub fn clear_faults(link: &mut dyn RigLink, observer: &mut dyn Observer) -> Result<(), RunError> {
+/// Another fault is latched, the E-stop is open, `stop` was set, or the board refuses: the cause of a fault is still there.
+pub fn clear_faults(
+    link: &mut dyn RigLink,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<(), RunError> {
     let mut session = Session::connect(link)?;
     session.exchange(REST)?;
     let status = session.get_status()?;
@@ -104,6 +108,18 @@ pub fn clear_faults(link: &mut dyn RigLink, observer: &mut dyn Observer) -> Resu
     }
     let mut patience = Patience::new(CLEAR_TIMEOUT, session.now_ns());
     loop {
+        // Also what came while a cable was tight: a refused clear takes away what has no cause any more.
+        let status = session.get_status()?;
+        if let Some(fault) = other_fault(&status) {
+            return Err(Fault::Latched(fault).into());
+        }
+        if !status.estop_closed {
+            let fault = LatchedFault::new(control::Fault::EStop.code(), 0);
+            return Err(Fault::Latched(fault).into());
+        }
+        if stop.load(Ordering::SeqCst) {
+            return Err(RunError::Interrupted);
+        }
         match session.command(&Command::ClearFaults) {
             // A cable that the robot holds above 1.7 N at 0 V is refused until the robot lets it go.
             Err(SessionError::Refused { refusal, .. })

@@ -99,7 +99,8 @@ impl Outputs {
             self.row::<CounterRow>(data, host_time);
         } else if topic == EventRow::TABLE.topic {
             self.row::<EventRow>(data, |row, clocks| {
-                if row.name == FAULT {
+                // 0: there was no reading of the board's clock yet, and the host's time is the one that is known.
+                if row.name == FAULT && row.board_s > 0.0 {
                     row.set_times(clocks.of_board(row.board_s));
                 } else {
                     host_time(row, clocks);

@@ -5,7 +5,7 @@
 //! unit's samples also where the recording is an old one with a topic for all.
 
 use super::error::RecordError;
-use super::format::{FORMAT, METADATA};
+use super::format::{FORMAT, FORMATS, METADATA};
 use super::read::{mcap_of, End, Reader};
 use super::rows::SampleRow;
 use super::table::Row;
@@ -145,7 +145,10 @@ impl Copy {
 
 /// The copy's samples have a topic a unit.
 fn split(metadata: &mut BTreeMap<String, String>) {
-    if let Some(format) = metadata.get_mut("format") {
+    if let Some(format) = metadata
+        .get_mut("format")
+        .filter(|format| FORMATS.contains(&format.as_str()))
+    {
         FORMAT.clone_into(format);
     }
 }

@@ -310,7 +310,7 @@ fn every_unit_is_safe_in_every_combination_of_variants() {
     let mut worst = 0.0_f64;
     for unit in 1..=6 {
         let mut plain = None;
-        for bits in 0..16 {
+        for bits in 0..16_u8 {
             let loss = if (bits + unit).is_multiple_of(2) {
                 Injection::UnplugSensor(unit)
             } else {

@@ -11,7 +11,7 @@ use std::io::{self, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// For the whole of a call that comes in. Others keep their connections open and say nothing for
 /// long.
@@ -124,9 +124,15 @@ fn listen(
             if shared.ended.load(Ordering::Relaxed) {
                 break;
             }
-            let Ok(stream) = stream else { continue };
+            let Ok(stream) = stream else {
+                // No file to be had, for example: not again at once.
+                std::thread::sleep(START);
+                continue;
+            };
             let shared = Arc::clone(&shared);
-            std::thread::spawn(move || serve(stream, |call| answer(&shared, call)));
+            let serve = move || serve(stream, |call| answer(&shared, call));
+            // Without a thread the caller finds its connection closed.
+            let _ = std::thread::Builder::new().spawn(serve);
         }
     });
 }
@@ -147,7 +153,13 @@ fn serve(mut stream: TcpStream, answer: impl FnOnce(&str) -> io::Result<String>)
 fn call_of(stream: &mut TcpStream) -> io::Result<String> {
     let mut bytes = Vec::new();
     let mut piece = [0; 4096];
+    let began = Instant::now();
     loop {
+        let left = INCOMING.checked_sub(began.elapsed());
+        let left = left
+            .filter(|left| !left.is_zero())
+            .ok_or(io::ErrorKind::TimedOut)?;
+        stream.set_read_timeout(Some(left))?;
         let head = bytes.windows(4).position(|four| four == b"\r\n\r\n");
         if let Some(head) = head {
             let length = length_of(&String::from_utf8_lossy(&bytes[..head]))?;
@@ -225,7 +237,7 @@ impl Shared {
             "getBusStats" => reply(-1, "this node does not count its traffic", 0),
             "getMasterUri" => reply(1, "", self.master.uri.as_str()),
             _ => {
-                let began = std::time::Instant::now();
+                let began = Instant::now();
                 let node = loop {
                     match self.node.get() {
                         Some((node, _)) => break node,
