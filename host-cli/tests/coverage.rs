@@ -1,4 +1,4 @@
-//! How often the stated radii hold, on rigs whose truth is known: 25 rigs of the fast model, each
+//! How often the stated radii hold, on rigs whose truth is known: rigs of the fast model, each
 //! calibrated with the errors of real tools, six forces on each while the robot moves.
 
 mod common;
@@ -6,13 +6,18 @@ mod common;
 use common::{expect, run};
 use serde_json::Value;
 
-const RIGS: u64 = 25;
+/// The six forces of a rig share its errors: means of the run held in 95.3, 95.3, 95.3 and 99.3 % of
+/// the cases on four sets of 25 rigs. So many rigs together tell 93 from 97 %.
+const RIGS: u64 = 100;
 
-#[test]
-fn each_quantity_lies_within_its_radius_as_often_as_stated() {
+/// Whether the means of the runs lay within their radius, and the parts of the instants and of the
+/// estimates that did.
+type Within = [Vec<f64>; 3];
+
+fn within(seeds: impl Iterator<Item = u64>) -> Within {
     let folder = tempfile::tempdir().unwrap();
-    let (mut means, mut instants, mut estimates) = (Vec::new(), Vec::new(), Vec::new());
-    for seed in 1..=RIGS {
+    let [mut means, mut instants, mut estimates] = Within::default();
+    for seed in seeds {
         let rig = format!("--link fast --seed {seed}");
         for step in [
             "geometry --yes --touches 3",
@@ -36,11 +41,22 @@ fn each_quantity_lies_within_its_radius_as_often_as_stated() {
             estimates.push(number("estimates_within"));
         }
     }
-    for (what, held) in [
-        ("mean of the run", means),
-        ("any instant", instants),
-        ("estimate of a cycle", estimates),
-    ] {
+    [means, instants, estimates]
+}
+
+#[test]
+fn each_quantity_lies_within_its_radius_as_often_as_stated() {
+    // One half a core.
+    let halves: Vec<Within> = std::thread::scope(|scope| {
+        let half = |odd: u64| scope.spawn(move || within((1..=RIGS).filter(move |n| n % 2 == odd)));
+        let halves = [half(0), half(1)];
+        halves.map(|half| half.join().unwrap()).into()
+    });
+    for (n, what) in ["mean of the run", "any instant", "estimate of a cycle"]
+        .into_iter()
+        .enumerate()
+    {
+        let held: Vec<f64> = halves.iter().flat_map(|half| half[n].clone()).collect();
         assert_eq!(held.len() as u64, 6 * RIGS);
         let part = held.iter().sum::<f64>() / held.len() as f64;
         println!("{what}: {:.1} %", 100.0 * part);

@@ -169,7 +169,7 @@ def zero(codes: Any, *, nominal_n_per_code: float = NOMINAL_N_PER_CODE) -> Zero:
     values = _columns.series(codes, "codes")
     wrong = np.flatnonzero(~(np.abs(values) <= 2**23) | (values != np.round(values)))
     if wrong.size:
-        raise _native.Refused(f"code {wrong[0]} is {values[wrong[0]]}: codes are whole numbers from -8388608 to 8388607")
+        raise ValueError(f"code {wrong[0]} is {values[wrong[0]]}: codes are whole numbers from -8388608 to 8388607")
     return Zero(**json.loads(_native.zero(values.astype(int).tolist(), float(nominal_n_per_code))))
 
 

@@ -62,7 +62,7 @@ impl Choice {
 pub fn gain(name: &str, text: &str, choice: Choice) -> PyResult<String> {
     let options = choice.options()?;
     let readings = cell::read(name, text).map_err(usage)?;
-    let found = cell::fit(&readings, &options).map_err(|error| refused(4, error))?;
+    let found = cell::fit(&readings, &options).map_err(|error| refused(6, error))?;
     let shape = figures::shape(&found);
     let conversion = found.conversion();
     let parts = &found.relative_parts;
@@ -100,7 +100,7 @@ pub fn zero(codes: Vec<i32>, nominal_n_per_code: f64) -> PyResult<String> {
         nominal_n_per_code: nominal_n_per_code.abs(),
         ..slack::Limits::default()
     };
-    let found = slack::measure(&codes, &limits).map_err(|error| refused(4, error))?;
+    let found = slack::measure(&codes, &limits).map_err(|error| refused(6, error))?;
     Ok(json!({
         "zero_code": found.at_end_codes, "zero_code_se": found.at_end_se_codes,
         "mean_code": found.mean_codes, "mean_code_se": found.mean_se_codes,

@@ -20,8 +20,8 @@ pyo3::create_exception!(
     _native,
     Refused,
     PyValueError,
-    "Input that the rig's programs refuse, in their words. `exit_code` is that of the command: 2 arguments, model or rig file; \
-     3 a log that can't be read; 4 data that allow no answer."
+    "Input that the rig's programs refuse, in their words. `exit_code` is that of the command: 2 arguments or model file; \
+     3 a rig file, or a log that can't be read; 4 data that allow no answer; 6 readings that give no gain or zero."
 );
 
 /// Exit code of wrong arguments.

@@ -1,6 +1,6 @@
 //! A rig file: what its cables can do.
 
-use crate::{background, floats, usage};
+use crate::{background, floats, refused, usage};
 use calibrate::workspace;
 use force::allocation::{Allocator, Problem};
 use force::controller::{problem, Cables, Reach};
@@ -20,14 +20,16 @@ impl Rig {
     #[staticmethod]
     #[pyo3(signature = (path=None))]
     fn load(path: Option<PathBuf>) -> PyResult<Self> {
-        let text = RigText::read(path.as_deref()).map_err(usage)?;
-        text.parse().map(Self).map_err(usage)
+        let text = RigText::read(path.as_deref()).map_err(|error| refused(3, error))?;
+        text.parse().map(Self).map_err(|error| refused(3, error))
     }
 
     /// Checks the text of a rig file; `name` stands for it in errors.
     #[staticmethod]
     fn parse(name: &str, text: &str) -> PyResult<Self> {
-        rig::Rig::parse(name, text).map(Self).map_err(usage)
+        rig::Rig::parse(name, text)
+            .map(Self)
+            .map_err(|error| refused(3, error))
     }
 
     /// Everything that the file says, with its hash.

@@ -48,10 +48,13 @@ pub fn environment(workspace: &Workspace) -> Result<Environment> {
         "bin/python"
     });
     // Whether packages can be had is no matter of this one.
-    let reached = pip(&python).arg(BUILDER).stderr(Stdio::null()).status();
+    let reached = pip(&python)
+        .args(["--upgrade", "pip", BUILDER])
+        .stderr(Stdio::null())
+        .status();
     if !reached.is_ok_and(|status| status.success()) {
         return Ok(Environment::Missing(format!(
-            "pip can't install {BUILDER} (no way to PyPI)"
+            "pip can't install {BUILDER}; often there is no way to PyPI (its message: pip install {BUILDER})"
         )));
     }
     let mut install = pip(&python);

@@ -16,9 +16,11 @@
 //! and of the whole: the zero error f0, what the empty cell moved by over a series, and the creep c from 30 to 300 s, both over
 //! the deflection at the largest force.
 //!
-//! The limits of the classes ([`Class::limits`]) and the combination of the uncertainties ([`Load::u`]) follow clause 8 and
-//! annex C of the standard and EURAMET cg-4 (2011), 6.1. They were compared with the limits that public programs of
-//! calibration laboratories use; the limits of the reversibility are from the standard alone.
+//! The sequence, the formulas and the combination of the uncertainties ([`Load::u`]) are written
+//! from memory of ISO 376:2011 (clauses 7 and 8, annex C) and EURAMET cg-4 (2011), 6.1; neither
+//! text was at hand. The limits ([`Class::limits`]) of b, b', fc, f0 and c agree with those of a
+//! calibration laboratory's public program. The limits of v and the combination were found in no
+//! public source. Compare them with the standard before a certificate rests on them.
 
 use super::{Gain, Options, Reading, Term};
 use std::fmt;
@@ -76,7 +78,7 @@ impl Class {
     /// All classes, the best first.
     pub const ALL: [Self; 4] = [Self::Class00, Self::Class05, Self::Class1, Self::Class2];
 
-    /// The limits, ISO 376:2011, tables 1 and 2.
+    /// The limits. Where they come from: see the module.
     #[must_use]
     pub fn limits(self) -> Limits {
         // b, b', fc, f0, v, c, force in percent; resolutions.

@@ -215,9 +215,9 @@ fn cell_tables(
     let _ = write!(
         out,
         "\nThe interval of a gain is for forces up to 12 N, and 1 kg is 9.8 N: a curve that the weights don't exclude may bend the rest. The cells of\n\
-the table are straight. Without that part their intervals hold the truth in {} of cells. Of one cell a draw whose curve is drawn from what the\n\
-fit assumes (standard deviation 0.004 /N), the force at 12 N lies within in {} ({} refused of {draws}, most with the question whether the cell\n\
-is curved).\n",
+the table are straight. Without that part, their intervals hold the truth in {} of cells. One more cell a draw is curved, with a curve drawn\n\
+from what the fit assumes (standard deviation 0.004 /N). Its interval at 12 N holds the true force in {} of the cells that gave a gain.\n\
+Where this is less than 95 %, the cause was not examined. {} of {draws} were refused, most with the question whether the cell is curved.\n",
         percent(cells.gain_within.coverage()),
         percent(cells.gain_beyond.coverage()),
         draws - cells.gain_beyond.intervals as u64,

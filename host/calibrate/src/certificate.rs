@@ -304,7 +304,7 @@ fn iso376(out: &mut String, measured: &[(&UnitRecord, &GainRecord)]) {
     if found.is_empty() {
         return;
     }
-    out.push_str("<h2>Figures by ISO 376</h2>\n<p>Three preloads, two rising series in one position, a rising and a falling series in each of two further positions, creep from 30 to 300 s. b: reproducibility, b': repeatability, fc: interpolation, v: reversibility, f0: zero, c: creep; in percent of the force, f0 and c of the largest. U is of k = 2. A class holds where every figure is within its limits, for rising and falling forces; the limits of the class hold for the calibrating force too.</p>\n");
+    out.push_str("<h2>Figures by ISO 376</h2>\n<p>Three preloads, two rising series in one position, a rising and a falling series in each of two further positions, creep from 30 to 300 s. b: reproducibility, b': repeatability, fc: interpolation, v: reversibility, f0: zero, c: creep; in percent of the force, f0 and c of the largest. U is of k = 2. A class holds where every figure is within its limits, for rising and falling forces; the limits of the class hold for the calibrating force too. The limits of v and the combination of U were not compared with the text of the standard. Only an accredited laboratory gives a class.</p>\n");
     let percent = |value: f64| format!("{:.4}", 100.0 * value);
     let rows: Vec<Vec<String>> = (found.iter())
         .map(|(unit, iso)| {

@@ -117,7 +117,7 @@ fn readings_of(deflection: impl Fn(u8, f64) -> f64) -> Vec<Reading> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
     #[test]
-    fn figures_are_those_of_the_standard(
+    fn figures_are_those_of_the_written_formulas(
         parts in proptest::collection::vec(-2e-3..2e-3f64, 6 * 8),
         zeros in proptest::collection::vec(-300.0..300.0f64, 12),
         crept in (-400.0..400.0f64, -400.0..400.0f64),

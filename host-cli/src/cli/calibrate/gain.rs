@@ -81,6 +81,15 @@ impl Gain {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let connection = &self.by_hand.connection;
         self.standards.check()?;
+        if self.iso376 && self.readings.is_none() {
+            let mut loads = self.weights();
+            loads.sort_by(f64::total_cmp);
+            loads.dedup();
+            if loads.len() < iso376::LEAST_LOADS {
+                let found = loads.len();
+                return Err(Failure::usage(iso376::Missing::Loads { found }));
+            }
+        }
         let mut bench = Bench::load(connection, context)?;
         let enabled = bench.rig.units.iter().filter(|unit| unit.enabled);
         let units: Vec<u8> = if self.unit.is_empty() {
@@ -110,6 +119,11 @@ impl Gain {
             };
             let (name, text) = read(path)?;
             let fitted = self.fit(&bench, unit, &name, &text)?;
+            if self.iso376 && fitted.iso376.is_none() {
+                return Err(Failure::usage(format!(
+                    "--iso-376: {name} has no column `series`; add it (0 preload, 1 to 6, 7 creep), or leave --iso-376 out"
+                )));
+            }
             return self.finish(&mut bench, vec![(unit, fitted)], false, context);
         }
         let _controlled_stop = context.interrupt.controlled_stop();
