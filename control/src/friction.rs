@@ -223,6 +223,9 @@ const LONGEST_REST: u8 = 250;
 /// feedforward pull by more than this.
 const LEVEL_LIMIT_Q24: i32 = 6_710_886;
 
+/// Friction with less than this says nothing about its level, 0.25 N: some 10 mN of noise in the mean are 4 % of it.
+const LEAST_FRICTION: Newton = Newton::from_un(250_000);
+
 /// What [`REVERSAL_SHARE_Q16`] leaves to the integral, over what it takes, times 65,536: 1/9.
 const LEFT_Q16: i64 = (1 << 32) / REVERSAL_SHARE_Q16 - (1 << 16);
 
@@ -247,8 +250,7 @@ impl Level {
         };
     }
 
-    /// The reel does not slide, or the command is limited: the integral says nothing about
-    /// friction.
+    /// The reel does not slide: the integral says nothing about friction.
     pub fn pause(&mut self) {
         self.rested = self.rested.saturating_add(1);
         if self.rested > LONGEST_REST {
@@ -290,18 +292,16 @@ impl Level {
     /// Takes over what the mean shows after a reversal.
     #[inline(never)]
     fn learn(&mut self, before: Newton, half: Newton) -> Option<Newton> {
-        let divisor = half.to_bits() >> 9;
-        // 0.03 N: less friction is none.
-        if divisor < 256 {
+        if half < LEAST_FRICTION {
             return None;
         }
         let change = i64::from(self.mean.to_bits()) - i64::from(before.to_bits());
         let shown = self.inward(change) >> 1;
         let left = (i64::from(self.times(half).to_bits()) * LEFT_Q16) >> 16;
-        let missing = clamp_abs(shown - left, 2 << Newton::FRAC_BITS) as i32;
-        // 2 N over 0.03 N is 2^6, times 2^24 once shifted.
-        let ratio_q16 = (missing << 7) / divisor;
-        let learned = self.excess_q24.saturating_add(ratio_q16 << 8);
+        let missing = clamp_abs(shown - left, 2 << Newton::FRAC_BITS);
+        // At most 8, times 2^24. Once a reversal: the wide division costs nothing.
+        let ratio_q24 = (missing << 24) / i64::from(half.to_bits());
+        let learned = self.excess_q24.saturating_add(ratio_q24 as i32);
         let learned = clamp_abs(learned, LEVEL_LIMIT_Q24);
         let more = i64::from(learned - self.excess_q24) * i64::from(half.to_bits());
         self.excess_q24 = learned;
@@ -528,17 +528,15 @@ impl DirectionEstimator {
         self.steady_nm
     }
 
-    /// Whether the reel winds in (`true`) or pays out, where it slides: past the reversal travel, and faster than half of the speed
-    /// at which it counts as moving.
+    /// Whether the reel winds in (`true`) or pays out, where it slides: past the reversal travel,
+    /// but for a thousandth of it, and faster than half of the speed at which it counts as moving.
     #[must_use]
     pub fn slides(&self) -> Option<bool> {
         // Times 4,096, and half of it: the stillness is below a half.
         let moves = self.speed_q12 > MOVING_NM << 11;
-        match self.direction.q30() {
-            Direction::ONE if moves => Some(true),
-            d if d == -Direction::ONE && moves => Some(false),
-            _ => None,
-        }
+        let direction = self.direction.q30();
+        let past = direction.abs() > Direction::ONE - Direction::ONE / 1024;
+        (moves && past).then_some(direction > 0)
     }
 
     /// How much the reel rests.

@@ -220,10 +220,9 @@ impl State {
         self.level = Level::default();
     }
 
-    /// Moves what the integral shows of the friction's level to the feedforward; `excess`: what the limits cut off the command.
-    fn learn(&mut self, half: Newton, excess: Newton) {
-        let slides = self.estimator.slides();
-        match slides.filter(|_| excess == Newton::ZERO) {
+    /// Moves what the integral shows of the friction's level to the feedforward.
+    fn learn(&mut self, half: Newton) {
+        match self.estimator.slides() {
             None => self.level.pause(),
             Some(inwards) => {
                 if let Some(moved) = self.level.slid(inwards, self.pid.integral(), half) {
@@ -425,7 +424,7 @@ impl Controller {
                 if slewing {
                     output.flags |= flags::SLEWING;
                 }
-                state.learn(half, excess);
+                state.learn(half);
             }
         }
         state.rebase = false;

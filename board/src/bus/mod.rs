@@ -217,42 +217,34 @@ impl Bus {
     /// is high.
     pub fn tick(&mut self, now: Micros, drdy: UnitSet, sink: &mut impl Sink) {
         self.check_deadline(now, sink);
+        let reading = match self.current {
+            Some((Job::Read { unit, .. }, _)) => Some(unit),
+            _ => None,
+        };
         let mut astray = false;
         for (n, unit) in UnitIndex::zip(&mut self.units) {
-            // A line that is high before the first edge shows a result from before the start, or none at all: whether a
-            // start lowers DRDY is not documented. It is read, which lowers the line, and its code is dropped.
-            if matches!(unit.phase, Phase::Streaming)
-                && drdy.contains(n)
-                && unit.last_edge.is_none()
-                && unit.ready.is_none()
-                && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if unit == n)
-            {
-                unit.ready = Some(now);
-                unit.left_over = true;
-                // Its read may have led to another converter, as below.
-                astray = true;
+            let high = matches!(unit.phase, Phase::Streaming) && drdy.contains(n);
+            if !high || unit.ready.is_some() || reading == Some(n) {
                 continue;
             }
             // A read lowers the line. One that is high still was not read: a mask that changed on its way, and that another one
-            // followed before it was read back, has led the read to another converter and moved that one's pointer.
-            astray |= matches!(unit.phase, Phase::Streaming)
-                && drdy.contains(n)
-                && unit.ready.is_none()
-                && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if unit == n);
-            let overdue = unit
-                .last_edge
-                .is_some_and(|last| now.since(last) > PERIOD_US + PERIOD_US / 4);
-            // The line stays high until the result is read: a high line without an edge is a lost edge.
-            if matches!(unit.phase, Phase::Streaming)
-                && drdy.contains(n)
-                && unit.ready.is_none()
-                && overdue
-                && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if unit == n)
-            {
-                unit.missed = unit.missed.saturating_add(1);
-                unit.last_edge = Some(now);
-                unit.ready = Some(now);
-                sink.event(Event::Edge { unit: n });
+            // followed before it was read back, may have led the read to another converter and moved that one's pointer.
+            astray = true;
+            match unit.last_edge {
+                // A line that is high before the first edge shows a result from before the start, or none at all: whether a
+                // start lowers DRDY is not documented. It is read, which lowers the line, and its code is dropped.
+                None => {
+                    unit.ready = Some(now);
+                    unit.left_over = true;
+                }
+                // The line stays high until the result is read: a high line without an edge is a lost edge.
+                Some(last) if now.since(last) > PERIOD_US + PERIOD_US / 4 => {
+                    unit.missed = unit.missed.saturating_add(1);
+                    unit.last_edge = Some(now);
+                    unit.ready = Some(now);
+                    sink.event(Event::Edge { unit: n });
+                }
+                Some(_) => {}
             }
         }
         if astray {

@@ -83,7 +83,7 @@ impl Level {
         }
         self.mean += (integral - self.mean) / 16.0;
         self.samples += 1;
-        if self.samples != 64 || half < 1.0 / 32.0 {
+        if self.samples != 64 || half < 0.25 {
             return 0.0;
         }
         let Some(before) = self.before.take() else {
@@ -388,7 +388,8 @@ impl Reference {
                     (self.setpoint - micro(w.friction_offset_un) + micro(w.coulomb_un)) / gain_in;
                 let most = (winding_in + micro(w.authority_un)).clamp(0.0, limit);
                 let limited = (unlimited - brake).clamp(0.0, most);
-                self.command += (limited - self.command).clamp(-slew, slew);
+                let before = self.command;
+                self.command += (limited - before).clamp(-slew, slew);
                 let boost = if w.friction_feedforward {
                     1.0
                 } else {
@@ -404,15 +405,17 @@ impl Reference {
                 }
                 self.integral = (i + addition).clamp(-limit, limit);
                 self.closed = true;
-                // Fixed point may see these three the other way round.
-                let short = 1.0 - self.direction.abs();
-                for near in [short, excess.abs()] {
-                    if near > 1e-9 {
-                        answer.margin = answer.margin.min(near);
+                let short = 1.0 - self.direction.abs() - 2f64.powi(-10);
+                // Fixed point may see it the other way round where the reel nearly slides. The
+                // direction's scale is a whole number of 256ths, which adds up over a reversal.
+                let rounding = 1e-8 + 4.0 * f64::from(w.reversal_nm) * 2f64.powi(-39);
+                if w.friction_feedforward && short < rounding && still < 0.5 + 3e-6 {
+                    answer.margin = answer.margin.min((still - 0.5).abs());
+                    if short.abs() < rounding {
+                        answer.margin = 0.0;
                     }
                 }
-                answer.margin = answer.margin.min((still - 0.5).abs());
-                if short > 0.0 || still >= 0.5 || excess.abs() > 1e-9 {
+                if short >= 0.0 || still >= 0.5 {
                     self.level.pause();
                 } else {
                     let inwards = self.direction > 0.0;
