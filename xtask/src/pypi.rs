@@ -1,6 +1,7 @@
 //! Python environments with packages from PyPI, below the target folder.
 
 use std::env;
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -9,8 +10,22 @@ use crate::process;
 use crate::report::{say, Failure, Result};
 use crate::workspace::Workspace;
 
-/// Python to make the environments with.
-const PYTHON_VARIABLE: &str = "FORCE_PYTHON";
+/// Names the Python to make environments with.
+pub const PYTHON_VARIABLE: &str = "FORCE_PYTHON";
+
+/// The Python to make environments with.
+pub fn base() -> OsString {
+    env::var_os(PYTHON_VARIABLE).unwrap_or_else(|| "python3".into())
+}
+
+/// The Python of an environment.
+pub fn interpreter(environment: &Path) -> PathBuf {
+    environment.join(if cfg!(windows) {
+        "Scripts/python.exe"
+    } else {
+        "bin/python"
+    })
+}
 
 /// Python with the packages of a requirements file, in the folder `name` below the target folder; made once, and anew when the
 /// requirements change. `pip`: options of `pip install`.
@@ -27,17 +42,12 @@ pub fn environment(
         Failure::new(format!("{} can't be read: {error}", requirements.display()))
     })?;
     let folder = workspace.target().join(name);
-    let python = folder.join(if cfg!(windows) {
-        "Scripts/python.exe"
-    } else {
-        "bin/python"
-    });
+    let python = interpreter(&folder);
     // Written last, so an environment that was interrupted is made again.
     let installed = folder.join("requirements.installed");
     if fs::read_to_string(&installed).is_ok_and(|text| text == required) {
         return Ok(python);
     }
-    let base = env::var_os(PYTHON_VARIABLE).unwrap_or_else(|| "python3".into());
     say(format!(
         "{name}: installing pinned packages from PyPI into {}",
         folder.display()
@@ -48,7 +58,7 @@ pub fn environment(
         ))
     };
     process::run(
-        Command::new(base)
+        Command::new(base())
             .args(["-m", "venv", "--clear"])
             .arg(&folder),
     )

@@ -4,11 +4,10 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use crate::process::{self, Sees};
+use crate::pypi::{self, PYTHON_VARIABLE};
 use crate::report::{Failure, Result};
 use crate::workspace::Workspace;
 
-/// Python to make the environment with.
-const PYTHON_VARIABLE: &str = "FORCE_PYTHON";
 /// The package, below the root.
 const PACKAGE: &str = "python";
 /// The environment, below the target folder.
@@ -29,7 +28,7 @@ pub enum Environment {
 /// # Errors
 /// The package can't be built or installed.
 pub fn environment(workspace: &Workspace) -> Result<Environment> {
-    let base = std::env::var(PYTHON_VARIABLE).unwrap_or_else(|_| "python3".to_owned());
+    let base = pypi::base();
     let folder = workspace.target().join(FOLDER);
     let made = process::command(&base, Sees::CompilerAndFlags)
         .args(["-m", "venv", "--clear"])
@@ -39,14 +38,11 @@ pub fn environment(workspace: &Workspace) -> Result<Environment> {
         .status();
     if !made.is_ok_and(|status| status.success()) {
         return Ok(Environment::Missing(format!(
-            "{base} makes no environment (Debian: python3-venv; {PYTHON_VARIABLE} names another Python)"
+            "{} makes no environment (Debian: python3-venv; {PYTHON_VARIABLE} names another Python)",
+            base.to_string_lossy()
         )));
     }
-    let python = folder.join(if cfg!(windows) {
-        "Scripts/python.exe"
-    } else {
-        "bin/python"
-    });
+    let python = pypi::interpreter(&folder);
     // Whether packages can be had is no matter of this one.
     let reached = pip(&python)
         .args(["--upgrade", "pip", BUILDER])

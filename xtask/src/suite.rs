@@ -489,11 +489,14 @@ fn python_drivers(suite: &mut Suite) -> Result<Outcome> {
     // Without a word and without patience: no network is no failure here.
     let pip = ["-qqq", "--retries", "1", "--timeout", "15"];
     let name = "python-drivers";
-    let Ok(python) = pypi::environment(suite.workspace, name, &requirements, &pip) else {
-        return Ok(Outcome::Skipped(
-            "the packages can't be had from PyPI (Python 3.11 or later with venv, and the network)"
-                .into(),
-        ));
+    let python = match pypi::environment(suite.workspace, name, &requirements, &pip) {
+        Ok(python) => python,
+        Err(failure) => {
+            let what = failure.to_string();
+            return Ok(Outcome::Skipped(
+                what.lines().next().unwrap_or_default().into(),
+            ));
+        }
     };
     // The selection of `host`, which has compiled the test.
     let mut command = rig::cargo(suite.workspace, "test");

@@ -105,7 +105,7 @@ undeclared shows.
 Kinds that had cost the worst cable a tenth or more against *without it*, of whose cost at least half is gone: {}
 ({}).
 
-Kinds whose cost is still there: {}.
+Kinds whose cost is still there in a seed at least: {}.
 
 Kinds that cost less than a tenth, or nothing: {}.
 {stopped}
@@ -160,7 +160,9 @@ mod tests {
             "{page}"
         );
         assert!(
-            page.contains("Kinds whose cost is still there: creep of the cells."),
+            page.contains(
+                "Kinds whose cost is still there in a seed at least: creep of the cells."
+            ),
             "{page}"
         );
         assert!(page.contains("or nothing: none."), "{page}");
