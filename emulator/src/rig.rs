@@ -224,7 +224,7 @@ impl Rig {
             Injection::FlipBit(address, bit) => Ok(self.engine.flip_bit(address, bit)?),
             Injection::FlipRegister(address, bit) => Ok(self.engine.flip_register(address, bit)?),
             Injection::BrownOut => Ok(self.engine.brown_out()?),
-            Injection::OverflowStack => Ok(self.engine.trap(Trap::Overflow)?),
+            Injection::Forbidden(access) => Ok(self.engine.trap(Trap::Forbidden(access))?),
             Injection::FlipCore(exception, register, bit) => {
                 Ok(self.engine.trap(Trap::Flip(CoreBit {
                     exception,

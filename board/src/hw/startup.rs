@@ -192,25 +192,40 @@ pub fn trim_usb_clock() {
 pub const STACK_GUARD: u32 = 1 << STACK_GUARD_BITS;
 const STACK_GUARD_BITS: u32 = 10;
 
-/// Two regions of the MPU that nothing may access (PM0253 section 4.6): a null pointer would read and write ITCM RAM, which exists and
-/// which the firmware does not use; a stack that grows to its end would need memory below DTCM. Elsewhere the default map holds.
-/// An access is a HardFault, in whose handler the MPU is off.
+/// Regions of the MPU (PM0253 section 4.6): flash is read only, nothing is executed from RAM, and two regions let
+/// nothing in: a null pointer would read and write ITCM RAM, which exists and which the firmware does not use; a
+/// stack that grows to its end would need memory below DTCM. Elsewhere the default map holds. Any other access is a
+/// HardFault, in whose handler the MPU is off. The emulation takes the fast way only to memory in a region.
 pub fn guards(mpu: &mut MPU) {
     extern "C" {
         static _stack_end: u8;
     }
     let stack_end = core::ptr::addr_of!(_stack_end) as u32;
-    for (number, base, bits) in [(0, 0, 12), (1, stack_end, STACK_GUARD_BITS)] {
-        // SAFETY: regions that no code of the firmware touches; each base is a multiple of its size.
+    // XN; AP: read only, full, or no access; TEX, C and B as in the default map: write-through, or write-back with
+    // allocation.
+    const READ_ONLY: u32 = 0b110 << 24 | 1 << 17;
+    const DATA: u32 = 1 << 28 | 0b011 << 24 | 1 << 19 | 1 << 17 | 1 << 16;
+    const NOTHING: u32 = 1 << 28;
+    // The highest region that holds an address decides. Sizes as in `memory.x`.
+    let regions = [
+        (0x0800_0000, 21, READ_ONLY),
+        (0x2400_0000, 19, DATA),
+        (0x2000_0000, 17, DATA),
+        (0, 12, NOTHING),
+        (stack_end, STACK_GUARD_BITS, NOTHING),
+    ];
+    for (number, (base, bits, attributes)) in (0..).zip(regions) {
+        // SAFETY: the linker places code in the first region, data in the second and the stack in the third; no code
+        // touches the last two. Each base is a multiple of its size.
         unsafe {
             mpu.rnr.write(number);
             mpu.rbar.write(base);
-            // XN, no access, SIZE, ENABLE.
-            mpu.rasr.write(1 << 28 | (bits - 1) << 1 | 1);
+            // SIZE, ENABLE.
+            mpu.rasr.write(attributes | (bits - 1) << 1 | 1);
         }
     }
     // PRIVDEFENA, ENABLE.
-    // SAFETY: what the default map permits stays permitted, but for the two regions.
+    // SAFETY: what the default map permits stays permitted, but for these regions.
     unsafe { mpu.ctrl.write(1 << 2 | 1) };
     cortex_m::asm::dsb();
     cortex_m::asm::isb();

@@ -52,6 +52,19 @@ pub enum Request {
     Quit,
 }
 
+/// An access that the MPU refuses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Forbidden {
+    /// A push where the stack has grown to its end.
+    Push,
+    /// A read through a null pointer.
+    NullRead,
+    /// A write to the flash.
+    FlashWrite,
+    /// A jump into AXI SRAM.
+    RunRam,
+}
+
 /// What can be done to the rig from outside. Units are numbered from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Injection {
@@ -125,8 +138,8 @@ pub enum Injection {
     LoseClock(bool),
     /// The supply falls below the brown-out level and comes back: a reset that only RCC_RSR tells from others.
     BrownOut,
-    /// The stack pointer leaves the stack and the next instruction faults: where a stack that overflows ends.
-    OverflowStack,
+    /// The core makes an access that no code of the firmware makes and the MPU refuses.
+    Forbidden(Forbidden),
     /// Flip one bit of a peripheral's register, as a write of the core: address of the word, bit.
     FlipRegister(u32, u8),
     /// Plug the USB cable in (`true`), or pull it.

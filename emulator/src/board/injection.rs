@@ -176,7 +176,7 @@ impl Board {
             | Injection::FlipBit(..)
             | Injection::LoseClock(_)
             | Injection::BrownOut
-            | Injection::OverflowStack
+            | Injection::Forbidden(_)
             | Injection::FlipRegister(..)
             | Injection::FlipCore(..)
             | Injection::PlugUsb(_)

@@ -6,7 +6,7 @@
 
 pub mod rigless;
 
-use emulator_link::RegisterEvent;
+use emulator_link::{Forbidden, RegisterEvent};
 use std::fmt;
 
 /// Progress of an engine.
@@ -48,8 +48,8 @@ pub type AtRow = Box<dyn FnMut(u64, &mut dyn Memory) + Send>;
 pub enum Trap {
     /// Raises the NMI, for which the engine has no line, and waits in a loop: the failed clock.
     Nmi,
-    /// Leaves the stack and faults there: where a stack that overflows ends.
-    Overflow,
+    /// Makes an access that the MPU refuses.
+    Forbidden(Forbidden),
     /// Flips one bit of a register of the interrupted code, once, and goes on in the handler.
     Flip(CoreBit),
 }

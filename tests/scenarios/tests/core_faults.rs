@@ -2,7 +2,7 @@
 //! the motors to 0 V; the next start reports why and arms nothing.
 
 use control::{Fault, SystemState};
-use emulator_link::{Injection, Truth};
+use emulator_link::{Forbidden, Injection, Truth};
 use session::link::RigLink;
 use test_stand::{all_at_zero, rig, rig_file, Stand};
 use wire::message::BoardInfo;
@@ -71,16 +71,33 @@ fn a_dip_of_the_supply_is_reported_and_arms_nothing() {
     assert!(driven_ms <= 2, "{driven_ms} ms");
 }
 
-#[test]
-fn a_stack_that_overflows_is_a_processor_fault_and_not_a_silent_overwrite() {
-    let mut link = rig(83);
-    let (info, driven_ms) = reset_by(&mut link, Injection::OverflowStack);
+fn is_refused(seed: u64, access: Forbidden) -> String {
+    let mut link = rig(seed);
+    let (info, driven_ms) = reset_by(&mut link, Injection::Forbidden(access));
     assert_eq!(fault_of(&info), Some(Fault::HardFault), "{info:?}");
     let record = info.crash_record.expect("a record");
-    assert!(record.text.contains("stack overflow"), "{record:?}");
-    // MMFSR: it was the guard that stopped it.
+    // MMFSR: it was the MPU that stopped it.
     assert_ne!(record.detail & 0xFF, 0, "{record:?}");
     assert!(driven_ms <= 3, "{driven_ms} ms");
+    record.text.as_str().to_owned()
+}
+
+#[test]
+fn a_stack_that_overflows_is_a_processor_fault_and_not_a_silent_overwrite() {
+    let text = is_refused(83, Forbidden::Push);
+    assert!(text.contains("stack overflow"), "{text}");
+}
+
+#[test]
+fn a_null_pointer_a_write_to_flash_and_code_in_ram_are_processor_faults() {
+    for (seed, access) in [
+        (85, Forbidden::NullRead),
+        (86, Forbidden::FlashWrite),
+        (87, Forbidden::RunRam),
+    ] {
+        let text = is_refused(seed, access);
+        assert!(!text.contains("stack overflow"), "{access:?}: {text}");
+    }
 }
 
 /// A dip of the 5 V takes a counter's registers: it stands somewhere else and counts nothing until it is set up again.

@@ -5,6 +5,7 @@
 use super::put;
 use crate::engine::{CoreBit, Trap};
 use crate::image::{FLASH_BASE, FLASH_SIZE};
+use emulator_link::Forbidden;
 use rigless::emulator::Host;
 use rigless::soc::Width;
 
@@ -27,14 +28,23 @@ const NMI: [u16; 8] = [
     0xED04, 0xE000, // .word 0xE000ED04
 ];
 
-/// The stack pointer in the guard at the bottom of the stack, then a push. The undefined instruction ends it where the MPU does not.
-const OVERFLOW: [u16; 6] = [
-    0x4801, // ldr r0, [pc, #4]
-    0x4685, // mov sp, r0
-    0xB401, // push {r0}
-    0xDE00, // udf #0
-    0x0200, 0x2000, // .word 0x20000200
-];
+/// The access, with the address that it needs in R0. The undefined instruction ends it where the MPU does not.
+fn forbidden(access: Forbidden) -> Vec<u16> {
+    let (code, address) = match access {
+        // mov sp, r0; push {r0}: in the guard at the bottom of the stack
+        Forbidden::Push => ([0x4685, 0xB401], 0x2000_0200_u32),
+        // ldr r1, [r0]; nop
+        Forbidden::NullRead => ([0x6801, 0xBF00], 0),
+        // str r0, [r0]; nop
+        Forbidden::FlashWrite => ([0x6000, 0xBF00], FLASH_BASE),
+        // bx r0; nop
+        Forbidden::RunRam => ([0x4700, 0xBF00], 0x2400_0000 | 1),
+    };
+    let load = 0x4801; // ldr r0, [pc, #4]
+    let undefined = 0xDE00; // udf #0
+    let [low, high] = [address as u16, (address >> 16) as u16];
+    vec![load, code[0], code[1], undefined, low, high]
+}
 
 /// The registers of the interrupted code that the processor has put on the stack, in that order (PM0253 figure 12).
 const STACKED: [u8; 8] = [0, 1, 2, 3, 12, 14, 15, 16];
@@ -102,7 +112,7 @@ pub fn set(
     patched: &mut Vec<(u32, u16)>,
 ) -> Result<Vec<u8>, String> {
     let exception = match trap {
-        Trap::Nmi | Trap::Overflow => SYSTICK,
+        Trap::Nmi | Trap::Forbidden(_) => SYSTICK,
         Trap::Flip(what) => what.exception,
     };
     if !(2..=LAST_EXCEPTION).contains(&exception) {
@@ -113,7 +123,7 @@ pub fn set(
     let vector_at = FLASH_BASE + 4 * u32::from(exception);
     let code = match trap {
         Trap::Nmi => NMI.to_vec(),
-        Trap::Overflow => OVERFLOW.to_vec(),
+        Trap::Forbidden(access) => forbidden(access),
         Trap::Flip(what) if what.bit > 31 => {
             return Err(format!("bit {} of a word: bits are 0 to 31", what.bit));
         }
