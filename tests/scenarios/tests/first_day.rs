@@ -1,11 +1,12 @@
 //! The tutorial docs/first-day.md: every command of the page, in its order, with the real image. The commands are read
 //! from the page.
-//!
-//! A comment before a block of code says what is special about it: `<!-- test: code 5 -->` (its exit code), `<!-- test: code
-//! 5, goes on -->` (the next commands run meanwhile), `<!-- test: until Ctrl-C -->` (ended at the end of the page).
 
 #![cfg(unix)]
 
+#[path = "../../../host-cli/tests/common/page.rs"]
+mod page;
+
+use page::{steps, Step};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -14,61 +15,9 @@ use std::time::{Duration, Instant};
 /// Time without a word of a command.
 const LIMIT: Duration = Duration::from_secs(900);
 
-fn page() -> String {
+fn text() -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/first-day.md");
     std::fs::read_to_string(path).expect("the page is there")
-}
-
-/// A command of the page.
-#[derive(Debug, Clone, PartialEq)]
-struct Step {
-    /// What stands after `cargo forcectl`.
-    words: Vec<String>,
-    /// Where its standard output goes, with `>`.
-    into: Option<String>,
-    codes: Vec<i32>,
-    goes_on: bool,
-    until_ctrl_c: bool,
-}
-
-/// The commands of a page.
-fn steps(page: &str) -> Vec<Step> {
-    let mut found = Vec::new();
-    let mut special = "";
-    let mut fenced = false;
-    for line in page.lines() {
-        if let Some(comment) = line.strip_prefix("<!-- test: ") {
-            special = comment.trim_end_matches(" -->");
-        } else if line.starts_with("```") {
-            if fenced {
-                special = "";
-            }
-            fenced = !fenced;
-        } else if fenced {
-            let call = line.strip_prefix("cargo forcectl ");
-            let call = call.unwrap_or_else(|| panic!("`{line}` is no call of forcectl"));
-            let (call, into) = match call.split_once(" > ") {
-                Some((call, file)) => (call, Some(file.to_owned())),
-                None => (call, None),
-            };
-            let numbers = special
-                .split(|c: char| !c.is_ascii_digit())
-                .filter_map(|word| word.parse().ok());
-            let mut codes: Vec<i32> = numbers.collect();
-            let until_ctrl_c = special.contains("until Ctrl-C");
-            if codes.is_empty() {
-                codes.push(if until_ctrl_c { 130 } else { 0 });
-            }
-            found.push(Step {
-                words: call.split_whitespace().map(str::to_owned).collect(),
-                into,
-                codes,
-                goes_on: special.contains("goes on"),
-                until_ctrl_c,
-            });
-        }
-    }
-    found
 }
 
 /// The folder of one day, and what still runs there.
@@ -198,7 +147,7 @@ fn every_command_of_the_first_day_does_what_the_page_says() {
         going_on: Vec::new(),
         logs: 0,
     };
-    for step in steps(&page()) {
+    for step in steps(&text()) {
         day.run(&step);
         // The command after one that goes on is what ends it.
         if !step.goes_on && !step.until_ctrl_c {
@@ -206,7 +155,7 @@ fn every_command_of_the_first_day_does_what_the_page_says() {
         }
     }
     // The files that the page names are there.
-    for word in page().split('`') {
+    for word in text().split('`') {
         let file = day.folder.path().join(word);
         if word.starts_with("first-day") && !word.contains(char::is_whitespace) {
             assert!(file.exists(), "{word}");
@@ -226,7 +175,7 @@ fn every_command_of_the_first_day_does_what_the_page_says() {
 
 #[test]
 fn the_page_is_read_as_it_is_meant() {
-    let steps = steps(&page());
+    let steps = steps(&text());
     let of = |name: &str| steps.iter().filter(|step| step.words[0] == name).count();
     assert!(steps.len() >= 20, "{}", steps.len());
     for name in [
