@@ -90,6 +90,10 @@ impl Fake {
             _ if reset => {}
             2 => {
                 let busy = self.calibrating_until.is_some();
+                // Gain, rate or channel that change under a calibration spoil it.
+                if busy && (self.registers[2] ^ value) & !0x0C != 0 {
+                    self.failing_calibrations += 1;
+                }
                 let kept = if busy { 0x0C } else { 0x08 };
                 self.registers[2] = (self.registers[2] & kept) | (value & !kept);
                 if value & 4 != 0 && !busy {

@@ -52,6 +52,10 @@ mutants! { TESTED:
     "tip-keeps-a-dead-cell": "board/src/machine/supervision.rs", "            self.tip.forget(unit);\n" => "";
     "expiry-while-ramping": "board/src/machine/supervision.rs", "self.system == SystemState::Running && self.expiry.is_expired(now)" => "self.system.drives() && self.expiry.is_expired(now)";
     "silent-detail-zero": "board/src/machine/supervision.rs", "slot.rate.last().map_or(0, |last| now.since(last))" => "0";
+    "level-not-taken-over": "control/src/friction.rs", "        self.excess_q24 = learned;\n" => "";
+    "level-without-limit": "control/src/friction.rs", "const LEVEL_LIMIT_Q24: i32 = 6_710_886;" => "const LEVEL_LIMIT_Q24: i32 = 67_108_860;";
+    "level-survives-configuration": "control/src/unit.rs", "        self.level = Level::default();\n" => "";
+    "level-of-a-resting-reel": "control/src/friction.rs", "let moves = self.speed_q12 > MOVING_NM << 11;" => "let moves = true;";
     "five-results-discarded": "drivers/src/nau7802/settling.rs", "pub const RESULTS: u8 = 6;" => "pub const RESULTS: u8 = 5;";
     "pointer-ahead-while-settling": "board/src/bus/schedule.rs", " && unit.settling.is_over()" => "";
     "astray-read-keeps-pointers": "board/src/bus/mod.rs", "        if astray {\n" => "        if false {\n";

@@ -227,8 +227,9 @@ impl Bus {
             if !high || unit.ready.is_some() || reading == Some(n) {
                 continue;
             }
-            // A read lowers the line. One that is high still was not read: a mask that changed on its way, and that another one
-            // followed before it was read back, may have led the read to another converter and moved that one's pointer.
+            // High without a sample that waits: its edge was lost, or its read went to another converter,
+            // behind a mask that changed on its way and that another one followed before it was read
+            // back. Then that converter's pointer has moved, so none is trusted.
             astray = true;
             match unit.last_edge {
                 // A line that is high before the first edge shows a result from before the start, or none at all: whether a

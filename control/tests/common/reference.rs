@@ -407,7 +407,7 @@ impl Reference {
                 self.closed = true;
                 let short = 1.0 - self.direction.abs() - 2f64.powi(-10);
                 // Fixed point may see it the other way round where the reel nearly slides. The
-                // direction's scale is a whole number of 256ths, which adds up over a reversal.
+                // direction's scale goes in steps of 1/256, which adds up over a reversal.
                 let rounding = 1e-8 + 4.0 * f64::from(w.reversal_nm) * 2f64.powi(-39);
                 if w.friction_feedforward && short < rounding && still < 0.5 + 3e-6 {
                     answer.margin = answer.margin.min((still - 0.5).abs());

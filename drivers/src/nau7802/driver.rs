@@ -250,8 +250,8 @@ impl<I2C: I2c> Nau7802<I2C> {
         Ok(())
     }
 
-    /// Stops the conversions (CS=0); everything else stays powered and set. Parts are known that convert without CS: DRDY may
-    /// go on.
+    /// Stops the conversions (CS=0); everything else stays powered and set. Published drivers never
+    /// set CS, so parts may convert without it: DRDY may go on.
     ///
     /// # Errors
     /// [`Error::Bus`].

@@ -157,7 +157,8 @@ byte_register! {
         /// CAL_ERR (read only): the last calibration failed. Stays until a reset or a valid
         /// calibration; while 1 the coefficients are invalid (section 8.6.3).
         3: calibration_error, with_calibration_error;
-        /// CALS: starts a calibration, clears itself at its end. The bit ignores writes while 1; the others take them.
+        /// CALS: starts a calibration, clears itself at its end. The bit ignores writes while 1.
+        /// That the others take them is read from the same line.
         2: calibrating, with_calibrating;
     }
 }

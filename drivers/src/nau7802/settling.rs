@@ -3,7 +3,7 @@
 /// Counts the results that are discarded after a start, a calibration, or a change of gain, rate or channel.
 ///
 /// The first six conversions then hold a part of the load only (datasheet section 8.4). Sources differ on whether they come with
-/// DRDY: the datasheet lines at hand can be read as "DRDY stays quiet for them", published drivers count six ready results away.
+/// DRDY: the datasheet lines at hand can be read as "DRDY stays quiet for them", Linux's driver counts six ready results away.
 /// Discarding six results is right either way. It costs six samples where the part keeps quiet: 19 ms at 320 samples a second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -127,7 +127,7 @@ pub enum Injection {
     /// DRDY rises at the end of a calibration and a start of conversions leaves it high (`true`). Left open by the
     /// datasheet too.
     KeepReady(bool),
-    /// Converters convert without CS, and do not stop with it (`true`): published drivers work that never set it.
+    /// Converters convert without CS, and do not stop with it (`true`): published drivers never set it.
     FreeRun(bool),
     /// The six conversions that settle after a start come with DRDY (`true`). Sources differ.
     ReportUnsettled(bool),

@@ -2,8 +2,8 @@
 //!
 //! The shift register takes SDI on the rising SCLK edge while CS is low. Rising CS ends the word; while SCLK is
 //! low at that instant one more bit is shifted. Rising LDAC moves the shift register to the output, whatever
-//! it holds and wherever CS stands: a load within a word gives a voltage of two words. Drivers that hold CS low
-//! for good work by that. RST low puts both to mid-scale (RSTSEL high). Straight binary: 0x0000 = -full
+//! it holds and wherever CS stands: a load within a word gives a voltage of two words. Drivers that never raise CS
+//! rely on it. RST low puts both to mid-scale (RSTSEL high). Straight binary: 0x0000 = -full
 //! scale, 0x8000 = 0 V.
 
 /// SPI clock polarity and phase as the controller is set.

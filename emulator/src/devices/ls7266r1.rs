@@ -85,7 +85,7 @@ impl Axis {
         }
         self.flags = self.flags & !flag::U_D | if step > 0 { flag::U_D } else { 0 };
         let preset = self.preset_value();
-        // Where the counter ends up, and the numbers after which it is at the same place again: it passes each of those between.
+        // Where the counter ends up, and the modulus: it passes `preset` once per modulus.
         let (target, modulus) = match self.mode >> 1 & 3 {
             // Range limit: stops at PR and at 0.
             1 => ((self.counter + step).clamp(0, preset), MODULUS),

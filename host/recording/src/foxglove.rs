@@ -220,7 +220,8 @@ impl Arrow {
             "timestamp": timestamp,
             "frame_id": FRAME,
             "id": self.id,
-            "lifetime": {"sec": 0, "nsec": 0},
+            // Where the tip is lost no arrow follows, and the last one goes.
+            "lifetime": {"sec": 1, "nsec": 0},
             "frame_locked": false,
             "arrows": [{
                 "pose": Pose { position: Vector { x, y, z }, orientation },

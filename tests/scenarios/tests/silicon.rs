@@ -224,8 +224,7 @@ fn arm(stand: &mut Stand<'_>) -> [f64; UNITS] {
     })
 }
 
-/// What the safety of this unit rests on, from its first sample over the loss of its converter and an E-stop until it is back; the
-/// tensions that were held.
+/// Checks one unit: first samples, loss of its converter, E-stop, clear. Returns the tensions that were held.
 fn is_safe(stand: &mut Stand<'_>, unit: u8, loss: Injection, what: &str) -> [f64; UNITS] {
     let what = format!("{what}, {loss:?}");
     let slot = usize::from(unit) - 1;

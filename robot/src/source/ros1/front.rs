@@ -1,5 +1,5 @@
-//! What stands between roslibrust's node and the rest of ROS 1, so that the node answers all that
-//! other programs ask.
+//! What stands between roslibrust's node and the rest of ROS 1, so that the node answers more
+//! of what other programs ask.
 //!
 //! roslibrust's node refuses `getBusInfo` and `getBusStats`, at which `rosnode info` ends in a
 //! traceback. So the node is told a master that is ours: it passes every call on to the real one,
