@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{expect, folder, forcectl, run, said, signal, words};
+use common::{expect, folder, forcectl, run, said, signal, signals, words};
 use recording::check::check;
 use recording::read::{End, Entry, Reader};
 use std::path::{Path, PathBuf};
@@ -149,10 +149,11 @@ except Exception as error:
 
 #[test]
 fn a_signal_completes_every_file_and_a_second_one_keeps_the_chunks() {
-    for names in [&["TERM"][..], &["HUP"], &["TERM", "TERM"]] {
+    let each = signals().into_iter().map(|name| vec![name]);
+    for names in each.chain([vec!["TERM", "TERM"]]) {
         let folder = folder();
         let mut child = recording(folder.path());
-        for name in names {
+        for name in &names {
             signal(&child, name);
         }
         child.wait().expect("ends");

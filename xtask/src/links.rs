@@ -122,7 +122,12 @@ fn links(text: &str) -> Vec<Link> {
 
 /// The words between backticks that begin with a folder of the root and hold nothing to fill in.
 fn paths(text: &str, root: &Path) -> Vec<Link> {
-    let other = [".", "..", "target", "data"];
+    // What git ignores is there on some machines only.
+    let ignored = fs::read_to_string(root.join(".gitignore")).unwrap_or_default();
+    let other: Vec<&str> = [".", ".."]
+        .into_iter()
+        .chain(ignored.lines().filter_map(|line| line.strip_prefix('/')))
+        .collect();
     let plain = |c: char| c.is_alphanumeric() || "_-./".contains(c);
     let is_path = |word: &str| {
         let folder = word.split_once('/').map_or("", |(folder, _)| folder);
@@ -227,6 +232,19 @@ mod tests {
         let text = "`src/main.rs`, src/a.rs, `src/gone.rs 1`, `src/$x`, `lab/x`, `src`";
         let targets: Vec<_> = paths(text, root).into_iter().map(|l| l.target).collect();
         assert_eq!(targets, ["src/main.rs", "src/gone.rs"]);
+    }
+
+    #[test]
+    fn what_a_command_writes_is_no_path_of_the_project() {
+        let root = tempfile::tempdir().unwrap();
+        for folder in ["forcectl-out", "docs"] {
+            fs::create_dir(root.path().join(folder)).unwrap();
+        }
+        fs::write(root.path().join(".gitignore"), "/target\n/forcectl-out\n").unwrap();
+        let text = "`forcectl-out/set-force.svg`, `docs/gone.md`";
+        let found = paths(text, root.path());
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].target, "docs/gone.md");
     }
 
     #[test]
