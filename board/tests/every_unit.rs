@@ -223,6 +223,25 @@ fn five_noise_events_within_a_second_stop_their_unit() {
 }
 
 /// What one sample, or a few, of a unit show.
+/// A unit that follows setpoints has 13 N as its limit, one at 0 V the 20 N of the rig file: it may
+/// have no zero.
+#[test]
+fn over_tension_is_13_n_while_a_unit_is_driven() {
+    for unit in 0..UNITS {
+        for (driven, cell_n, expected) in [
+            (true, 13.3, Some(Fault::OverTension)),
+            (true, 12.7, None),
+            (false, 13.3, None),
+        ] {
+            let mut bench = if driven { held() } else { Bench::ready() };
+            bench.cell_n[unit] = Some(cell_n);
+            bench.run(13);
+            let fault = Fault::from_code(bench.status().units[unit].fault);
+            assert_eq!(fault, expected, "unit {unit}, {cell_n} N, driven {driven}");
+        }
+    }
+}
+
 #[test]
 fn what_a_load_cell_shows_stops_its_unit_only() {
     for unit in 0..UNITS {

@@ -302,9 +302,18 @@ pub struct Config {
     pub(crate) slew: Rate,
     pub(crate) setpoint_slew: Rate,
     pub(crate) over_tension: Newton,
+    /// The same of a unit that follows setpoints: its zero was measured.
+    pub(crate) over_tension_driven: Newton,
     /// [`Config::sum`] of the values above.
     seal: u32,
 }
+
+/// Over-tension of a unit that follows setpoints, 13 N: what docs/safety.md counts as a hazard. A unit
+/// without a zero reads up to 4 N more than its cable pulls, so it has the configured limit alone.
+const DRIVEN_UN: i32 = 13_000_000;
+/// Where tensions above 12 N are permitted, this much above the largest: the error at a first
+/// reversal with friction 40 % above the declared one (docs/figures.md).
+const ABOVE_TENSION_MAX_UN: i32 = 1_000_000;
 
 impl Config {
     /// Checks what came over the wire and precomputes.
@@ -345,6 +354,10 @@ impl Config {
             slew: Rate::from_un_per_s(w.slew_un_per_s),
             setpoint_slew: Rate::from_un_per_s(w.slew_un_per_s).shifted(SETPOINT_SLEW_SHIFT),
             over_tension: Newton::from_un(w.over_tension_un),
+            over_tension_driven: Newton::from_un(
+                w.over_tension_un
+                    .min(DRIVEN_UN.max(w.tension_max_un.saturating_add(ABOVE_TENSION_MAX_UN))),
+            ),
             seal: 0,
         }
         .sealed()
@@ -504,9 +517,9 @@ macro_rules! sealed {
     };
 }
 
-sealed! { 16:
+sealed! { 17:
     cell.zero, spike_limit, kp_q16, ki_us, kd_rate_q16, damping, travel_nm, dac_q16, force_limit, authority, plausible,
-    over_tension, zero_deviation, cell.curve, cell.creep_q16, cell.creep_rate,
+    over_tension, over_tension_driven, zero_deviation, cell.curve, cell.creep_q16, cell.creep_rate,
 }
 
 impl Default for Config {

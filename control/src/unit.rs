@@ -449,7 +449,11 @@ impl State {
         travel_nm: i32,
     ) -> Option<(Fault, u32)> {
         let count = |seen: u8, now: bool| if now { seen.saturating_add(1) } else { 0 };
-        self.over = count(self.over, strongest > config.over_tension);
+        let limit = match input.drive {
+            Drive::Follow => config.over_tension_driven,
+            Drive::Off | Drive::Ramp => config.over_tension,
+        };
+        self.over = count(self.over, strongest > limit);
         self.saturated = count(self.saturated, input.adc_code.is_saturated());
         self.slack_nm = if tension > SLACK_TENSION || input.drive == Drive::Off {
             0

@@ -192,7 +192,8 @@ pub struct UnitConfig {
     pub plausible_un: i32,
     /// Fastest change of the commanded cable force, in micronewton per second.
     pub slew_un_per_s: i32,
-    /// Tension at which the unit faults, in micronewton.
+    /// Tension at which the unit faults, in micronewton. While it follows setpoints it faults at 13 N
+    /// already, or 1 N above its largest tension.
     pub over_tension_un: i32,
     /// Viscous friction that the feedforward compensates, N per m/s of cable travel, times 65,536; 0: none.
     pub viscous_q16: i32,

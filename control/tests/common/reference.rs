@@ -304,7 +304,10 @@ impl Reference {
 
         // Trips.
         let direct = gated.max(straight) * inv_cos;
-        let over = micro(w.over_tension_un);
+        let mut over = micro(w.over_tension_un);
+        if input.drive == Drive::Follow {
+            over = over.min((micro(w.tension_max_un) + 1.0).max(13.0));
+        }
         margin = margin.min((direct - over).abs());
         self.over = if direct > over { self.over + 1 } else { 0 };
         self.saturated = if code == 8_388_607 || code == -8_388_608 {

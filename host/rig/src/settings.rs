@@ -128,7 +128,8 @@ pub struct UnitSettings {
     pub force_limit_n: f64,
     /// Fastest change of the commanded cable force, N/s.
     pub slew_n_per_s: f64,
-    /// Tension at which the unit faults, N.
+    /// Tension at which the unit faults, N; while it follows setpoints it does at 13 N already, or 1 N
+    /// above `tension_max_n`.
     pub over_tension_n: f64,
     /// Viscous friction that the feedforward compensates, N per m/s of cable travel; 0: none.
     #[serde(skip_serializing_if = "is_zero")]
