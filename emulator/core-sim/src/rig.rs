@@ -5,6 +5,7 @@ use crate::line::USB;
 use crate::sensors::Sensors;
 use crate::superloop::Superloop;
 use crate::timing::TICK_NS;
+use control::Fault;
 use emulator::board::Board;
 use emulator_link::{Advanced, Injection, Pose, Report, Truth};
 use plant::{ConfigError, Plant, PlantConfig};
@@ -105,10 +106,11 @@ impl CoreRig {
     }
 
     fn with_chips(plant: Plant, seed: u64, chips_seed: u64) -> Result<Self, RigError> {
+        let board = Board::new(plant, chips_seed).map_err(RigError::Refused)?;
         Ok(Self {
-            board: Board::new(plant, chips_seed).map_err(RigError::Refused)?,
+            superloop: Superloop::new(&board, None),
+            board,
             sensors: Sensors::new(),
-            superloop: Superloop::new(None),
             now_ns: 0,
             next_tick_ns: TICK_NS,
             wall_ns: 0,
@@ -211,7 +213,7 @@ impl CoreRig {
             hung: false,
             ..self.superloop.defects.clone()
         };
-        self.superloop = Superloop::new(record);
+        self.superloop = Superloop::new(&self.board, record);
         self.superloop.defects = defects;
         self.sensors = self.sensors.reset();
         self.board.i2c_stop();
@@ -291,7 +293,30 @@ impl CoreRig {
                     .to_owned(),
             ));
         }
-        self.board.inject(injection).map_err(RigError::Refused)
+        match injection {
+            Injection::LoseClock(lost) => {
+                self.board.set_clock_lost(lost);
+                // The clock security system's interrupt resets a controller that runs; one without a clock from the start boots
+                // on its own.
+                if lost {
+                    let record = (self.now_ns > 0).then(|| CrashRecord {
+                        code: Fault::ClockFailure.code(),
+                        detail: 0,
+                        pc: 0,
+                        text: Default::default(),
+                    });
+                    self.reset(record);
+                }
+            }
+            Injection::BrownOutLevel(_) => {
+                self.board.inject(injection).map_err(RigError::Refused)?;
+                if self.now_ns == 0 {
+                    self.reset(None);
+                }
+            }
+            _ => self.board.inject(injection).map_err(RigError::Refused)?,
+        }
+        Ok(())
     }
 
     /// The figures so far. Those of the emulated controller (instructions, sleep) are 0.

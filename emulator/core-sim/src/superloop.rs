@@ -15,9 +15,6 @@ use wire::{BoardMessage, HostFrame, ABI_VERSION, SCHEMA_HASH};
 
 /// Period of the status frames in milliseconds, as in the firmware.
 const STATUS_MS: u32 = 50;
-/// Option bytes of the emulated controller: brown-out level 3.
-const OPTION_BYTES: u32 = 3 << 2;
-
 /// FLAG of a counter that reports noise at its encoder.
 const NOISE_FLAG: u8 = 0x10;
 
@@ -75,8 +72,8 @@ pub(crate) struct Superloop {
 }
 
 impl Superloop {
-    /// A controller that comes out of a reset, with what the one before left behind.
-    pub fn new(crash_record: Option<CrashRecord>) -> Self {
+    /// A controller that comes out of a reset on this board, with what the one before left behind.
+    pub fn new(board: &Board, crash_record: Option<CrashRecord>) -> Self {
         Self {
             machine: Machine::new(BoardInfo {
                 abi: ABI_VERSION,
@@ -84,9 +81,10 @@ impl Superloop {
                 version: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
                 core_hz: clocks::CORE_HZ,
                 silicon: 0x2003,
-                hse: true,
+                hse: !board.is_clock_lost(),
                 reset_flags: 0,
-                option_bytes: OPTION_BYTES,
+                // BOR_LEV is bits 2 and 3.
+                option_bytes: u32::from(board.brown_out_level()) << 2,
                 crash_record,
             }),
             requests: Requests::default(),

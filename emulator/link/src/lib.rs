@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 8;
+pub const LINK_VERSION: u32 = 9;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -167,6 +167,37 @@ pub enum Injection {
     AmplifierShare(u8, f64),
     /// A hand pulls so many millimetres of cable out of a unit at 50 mm/s, with 3 N; negative: winds them in by the reel.
     PullOut(u8, f64),
+    /// A hand pulls the alive line's plug out at the PLC (`true`), or plugs it in.
+    UnplugAlive(bool),
+    /// The alive line is open on the board (`true`): its edges do not reach the PLC.
+    OpenAlive(bool),
+    /// The PLC's relay is bridged (`true`): the amplifiers have power whatever the PLC does.
+    BridgeRelay(bool),
+    /// The PLC's output is inverted (`true`).
+    InvertRelay(bool),
+    /// A unit's amplifier is fed past the relay (`true`).
+    BypassRelay(u8, bool),
+    /// The E-stop's contact at the PLC is bridged (`true`): the PLC sees a closed loop.
+    BridgeEStopAtPlc(bool),
+    /// The E-stop's contact at the board is bridged (`true`): the board sees a closed loop.
+    BridgeEStop(bool),
+    /// The board's E-stop input is inverted (`true`): closed when pressed.
+    InvertEStop(bool),
+    /// The LDAC pin of a unit's DAC has no wire (`true`): no word reaches its output.
+    OpenLdac(u8, bool),
+    /// The select wires of two units' DACs touch: a word for one reaches both. In place of a bridge before; a unit with itself: none.
+    TieSelects(u8, u8),
+    /// Exchange the cables of two units' converters at the multiplexer (SDA and SCL), in place of an exchange before; a unit with
+    /// itself: none. DRDY lines and load cells stay.
+    ExchangeChannels(u8, u8),
+    /// A unit's load cell gives this share of its signal: one of another capacity.
+    CellShare(u8, f64),
+    /// Noise at a unit's load cell beside the converter's own, V/V, one standard deviation.
+    CellNoise(u8, f64),
+    /// The DRDY wire of a unit is open (`true`): the controller sees it low.
+    CutDrdy(u8, bool),
+    /// Brown-out level in the option bytes from the next start on, 0 to 3.
+    BrownOutLevel(u8),
 }
 
 /// Response of the rig.

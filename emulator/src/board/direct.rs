@@ -19,11 +19,13 @@ impl Board {
     /// # Panics
     /// No such unit.
     pub fn dac_code(&mut self, t_ns: u64, unit: usize, code: u16) {
-        let dac = &mut self.dacs[unit];
-        dac.select();
-        dac.clock_in(u32::from(code), 16, MODE);
-        dac.deselect(true);
-        dac.load();
+        for unit in self.selected_by(unit).into_iter().flatten() {
+            let dac = &mut self.dacs[unit];
+            dac.select();
+            dac.clock_in(u32::from(code), 16, MODE);
+            dac.deselect(true);
+            dac.load();
+        }
         self.now_ns = self.now_ns.max(t_ns);
         self.move_outputs(t_ns);
     }
@@ -41,19 +43,6 @@ impl Board {
     pub fn encoder_position(&mut self, t_ns: u64, unit: usize) -> i64 {
         self.advance_plant(t_ns);
         self.frozen_encoder[unit].unwrap_or_else(|| self.encoder_edges(unit))
-    }
-
-    /// The alive line changes its level at `t_ns`.
-    pub fn alive_edge(&mut self, t_ns: u64) {
-        self.plc.edge(t_ns);
-        self.reschedule();
-        self.switch_power(t_ns);
-    }
-
-    /// Whether the E-stop loop is closed.
-    #[must_use]
-    pub const fn estop_closed(&self) -> bool {
-        self.plc.estop_closed()
     }
 
     /// SCL rises by hand: the ninth pulse frees a held SDA.
@@ -112,12 +101,6 @@ impl Board {
     /// The multiplexer connects each of two converters where the other is selected.
     pub fn exchange_channels(&mut self, units: [usize; 2]) {
         self.exchanged = Some(units);
-    }
-
-    /// Whether the amplifiers have power.
-    #[must_use]
-    pub const fn powered(&self) -> bool {
-        self.plc.powered()
     }
 
     /// The plant behind the board, at the time it was last advanced to.

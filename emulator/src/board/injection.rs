@@ -37,8 +37,8 @@ impl Board {
                 self.pending.push((wiring::I2C_SDA, Some(false)));
             }
             Injection::EStop(pressed) => {
-                self.plc.set_estop_closed(!pressed);
-                self.pending.push((wiring::E_STOP, Some(!pressed)));
+                self.power.estop_pressed = pressed;
+                self.show_estop();
                 self.switch_power(now);
             }
             Injection::PullCable(number, newtons) => {
@@ -172,6 +172,65 @@ impl Board {
                 self.advance_plant(now);
                 (self.plant.pull_out(unit, mm * 1e-3)).map_err(|error| error.to_string())?;
             }
+            Injection::UnplugAlive(on) => self.power.alive_unplugged = on,
+            Injection::OpenAlive(on) => self.power.alive_open = on,
+            Injection::BridgeRelay(on) => {
+                self.power.relay_bridged = on;
+                self.switch_power(now);
+            }
+            Injection::InvertRelay(on) => {
+                self.power.relay_inverted = on;
+                self.switch_power(now);
+            }
+            Injection::BypassRelay(number, on) => {
+                self.power.bypassed[unit(number)?] = on;
+                self.switch_power(now);
+                self.move_outputs(now);
+            }
+            Injection::BridgeEStopAtPlc(on) => {
+                self.power.estop_bridged_at_plc = on;
+                self.show_estop();
+                self.switch_power(now);
+            }
+            Injection::BridgeEStop(on) => {
+                self.power.estop_bridged = on;
+                self.show_estop();
+            }
+            Injection::InvertEStop(on) => {
+                self.power.estop_inverted = on;
+                self.show_estop();
+            }
+            Injection::OpenLdac(number, on) => self.dacs[unit(number)?].set_ldac_open(on),
+            Injection::TieSelects(a, b) => {
+                let (a, b) = (unit(a)?, unit(b)?);
+                self.tied = (a != b).then_some([a, b]);
+            }
+            Injection::ExchangeChannels(a, b) => {
+                let (a, b) = (unit(a)?, unit(b)?);
+                self.exchanged = (a != b).then_some([a, b]);
+            }
+            Injection::CellShare(number, share) => {
+                let unit = unit(number)?;
+                if !share.is_finite() {
+                    return Err(format!("a share of {share} is not a number"));
+                }
+                self.advance_plant(now);
+                self.cell_share[unit] = share;
+            }
+            Injection::CellNoise(number, sd_v_per_v) => {
+                let unit = unit(number)?;
+                if !(sd_v_per_v.is_finite() && sd_v_per_v >= 0.0) {
+                    return Err(format!("noise of {sd_v_per_v} V/V is not possible"));
+                }
+                self.converters[unit].defects().noise = sd_v_per_v;
+            }
+            Injection::CutDrdy(number, on) => self.drdy_cut[unit(number)?] = on,
+            Injection::BrownOutLevel(level) => {
+                if level > 3 {
+                    return Err(format!("brown-out level {level}: levels are 0 to 3"));
+                }
+                self.brown_out_level = level;
+            }
             Injection::HangLoop
             | Injection::FlipBit(..)
             | Injection::LoseClock(_)
@@ -193,6 +252,12 @@ impl Board {
     /// The ST-Link's clock stops, or comes back.
     pub fn set_clock_lost(&mut self, lost: bool) {
         self.clock_lost = lost;
+    }
+
+    /// Brown-out level in the option bytes.
+    #[must_use]
+    pub const fn brown_out_level(&self) -> u8 {
+        self.brown_out_level
     }
 
     /// Whether the ST-Link's clock stands still.

@@ -13,9 +13,11 @@ mod direct;
 mod i2c;
 mod injection;
 mod pins;
+mod power;
 mod serial;
 
 use i2c::Transaction;
+use power::Power;
 use serial::Line;
 
 use crate::devices::dac7731::{Dac7731, Mode};
@@ -106,6 +108,16 @@ pub struct Board {
     exchanged: Option<[usize; 2]>,
     /// Amplifier inputs that another controller drives in place of the DACs, V.
     outside_v: Option<[f64; UNITS]>,
+    /// Wires of power, alive line and E-stop.
+    power: Power,
+    /// DACs whose select wires touch.
+    tied: Option<[usize; 2]>,
+    /// Share of its signal that each load cell gives.
+    cell_share: [f64; UNITS],
+    /// DRDY wires that are open.
+    drdy_cut: [bool; UNITS],
+    /// Brown-out level in the option bytes.
+    brown_out_level: u8,
     /// Rising edges of a DRDY line that are still to be lost.
     lose_drdy: [u8; UNITS],
     converters: [Nau7802; UNITS],
@@ -171,6 +183,11 @@ impl Board {
             encoder_lines: [NOMINAL_LINES; UNITS],
             exchanged: None,
             outside_v: None,
+            power: Power::default(),
+            tied: None,
+            cell_share: [1.0; UNITS],
+            drdy_cut: [false; UNITS],
+            brown_out_level: 3,
             lose_drdy: [0; UNITS],
             converters: std::array::from_fn(|unit| Nau7802::new(unit as u8 + 1, seed)),
             mux: Tca9548a::new(0x70),
@@ -205,8 +222,7 @@ impl Board {
             probe: Probe::default(),
             complaints: Complaints::default(),
         };
-        board.plc.set_estop_closed(true);
-        board.pending.push((wiring::E_STOP, Some(true)));
+        board.show_estop();
         board.show_drdy(0);
         board.advance_plant(0);
         board.reschedule();
@@ -259,7 +275,9 @@ impl Board {
             self.plant.advance_to(self.history.next_ns());
             // A known pull is a weight to calibrate with: it hangs on the plant's cell.
             let cell = self.wired.cell;
-            let row = std::array::from_fn(|unit| self.plant.bridge_v_per_v(cell[unit]));
+            let row = std::array::from_fn(|unit| {
+                self.cell_share[cell[unit]] * self.plant.bridge_v_per_v(cell[unit])
+            });
             self.history.push(row);
             self.turn_counters();
         }
@@ -292,11 +310,6 @@ impl Board {
     /// A unit's encoder counts the other way from its present count on, or the right way again.
     fn reverse_encoder(&mut self, unit: usize, reversed: bool) {
         self.reversed_encoder[unit] = reversed.then(|| 2 * self.disc_edges(unit));
-    }
-
-    fn switch_power(&mut self, t_ns: u64) {
-        self.advance_plant(t_ns);
-        self.plant.set_amplifier_power(self.plc.powered());
     }
 
     /// The controller came out of a reset: its pins let go.
@@ -341,7 +354,7 @@ impl Board {
             tension_n: std::array::from_fn(|unit| self.plant.tension_n(unit) + self.pull_n[unit]),
             reel_rad_s: std::array::from_fn(|unit| self.plant.reel_rad_per_s(unit)),
             dac_v: std::array::from_fn(|unit| self.dacs[unit].volts()),
-            amplifier_on: self.plc.powered(),
+            amplifier_on: self.powered(),
         }
     }
 

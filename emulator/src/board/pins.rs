@@ -19,7 +19,12 @@ impl Board {
     pub(super) fn show_drdy(&mut self, _t_ns: u64) {
         for unit in 0..UNITS {
             let source = self.wired.drdy[unit];
-            let level = self.converters[source].drdy();
+            let level = if self.drdy_cut[unit] {
+                // The pull-down holds what nothing drives.
+                Some(false)
+            } else {
+                self.converters[source].drdy()
+            };
             if level != self.drdy[unit] {
                 if level == Some(true) && self.lose_drdy[unit] > 0 {
                     // The wire stays low until the next conversion.
@@ -54,11 +59,7 @@ impl Board {
         const G: usize = 6;
         match port {
             B => self.recovery_pins(rose),
-            C if (rose | fell) & wiring::ALIVE.bit() != 0 => {
-                self.plc.edge(t_ns);
-                self.reschedule();
-                self.switch_power(t_ns);
-            }
+            C if (rose | fell) & wiring::ALIVE.bit() != 0 => self.alive_edge(t_ns),
             D => self.counter_pins(t_ns, before, after),
             E => self.check_contention(),
             F => self.control_pins(t_ns, rose, fell),
@@ -123,6 +124,7 @@ impl Board {
             // An amplifier that is off gives 0, not the -0 of a product.
             let volts = match self.amplifier_share[unit] {
                 0.0 => 0.0,
+                _ if !self.feeds(unit) => 0.0,
                 share => share * volts,
             };
             self.plant
@@ -131,23 +133,38 @@ impl Board {
         }
     }
 
+    /// DACs that the select wire of a unit reaches: a wire that touches it is pulled low with it.
+    pub(super) fn selected_by(&self, unit: usize) -> [Option<usize>; 2] {
+        match self.tied {
+            Some([a, b]) if unit == a => [Some(a), Some(b)],
+            Some([a, b]) if unit == b => [Some(b), Some(a)],
+            _ => [Some(unit), None],
+        }
+    }
+
     pub(super) fn dac_selects(&mut self, rose: u16, fell: u16) {
-        for (unit, cs) in wiring::DAC_CS.iter().enumerate() {
-            if fell & cs.bit() != 0 {
-                self.dacs[unit].select();
-                self.probe.selected(unit);
-            } else if rose & cs.bit() != 0 {
-                let name = format!("DAC7731[{}]", unit + 1);
-                if self.sclk_idle.is_none() {
-                    self.complaints.add(
-                        name.as_str(),
-                        "CS rose while nothing drove SCLK (SPE = 0 and AFCNTR = 0)",
-                    );
-                }
-                if self.dacs[unit].deselect(self.sclk_idle.unwrap_or(false)) {
-                    self.complaints
-                        .add(name, "CS rose while SCLK was low: one more bit shifted in");
-                }
+        for (line, cs) in wiring::DAC_CS.iter().enumerate() {
+            for unit in self.selected_by(line).into_iter().flatten() {
+                self.dac_select(unit, fell & cs.bit() != 0, rose & cs.bit() != 0);
+            }
+        }
+    }
+
+    fn dac_select(&mut self, unit: usize, fell: bool, rose: bool) {
+        if fell {
+            self.dacs[unit].select();
+            self.probe.selected(unit);
+        } else if rose {
+            let name = format!("DAC7731[{}]", unit + 1);
+            if self.sclk_idle.is_none() {
+                self.complaints.add(
+                    name.as_str(),
+                    "CS rose while nothing drove SCLK (SPE = 0 and AFCNTR = 0)",
+                );
+            }
+            if self.dacs[unit].deselect(self.sclk_idle.unwrap_or(false)) {
+                self.complaints
+                    .add(name, "CS rose while SCLK was low: one more bit shifted in");
             }
         }
     }

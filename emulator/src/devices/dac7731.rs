@@ -38,6 +38,7 @@ pub struct Dac7731 {
     last_bit: bool,
     reset: bool,
     stuck: bool,
+    ldac_open: bool,
 }
 
 impl Default for Dac7731 {
@@ -49,6 +50,7 @@ impl Default for Dac7731 {
             last_bit: false,
             reset: false,
             stuck: false,
+            ldac_open: false,
         }
     }
 }
@@ -101,7 +103,7 @@ impl Dac7731 {
 
     /// LDAC rises.
     pub fn load(&mut self) {
-        if !self.reset && !self.stuck {
+        if !self.reset && !self.stuck && !self.ldac_open {
             self.output = self.shift;
         }
     }
@@ -120,6 +122,11 @@ impl Dac7731 {
     /// The output keeps its voltage (`true`), as a broken part does.
     pub fn set_stuck(&mut self, stuck: bool) {
         self.stuck = stuck;
+    }
+
+    /// LDAC has no wire (`true`): it never rises.
+    pub fn set_ldac_open(&mut self, open: bool) {
+        self.ldac_open = open;
     }
 
     /// The code at the output.

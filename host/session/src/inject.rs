@@ -8,7 +8,10 @@ macro_rules! words {
          spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, open-bridge=UNIT, \
          frozen-code=UNIT, wrong-sign=UNIT, stuck-dac=UNIT, amplifier-off=UNIT, \
          amplifier-share=UNIT:SHARE, reverse-encoder=UNIT, encoder-lines=UNIT:LINES, exchange-encoders=UNIT:UNIT, \
-         exchange-motors=UNIT:UNIT, exchange-cells=UNIT:UNIT, exchange-drdy=UNIT:UNIT, pull-out=UNIT:MM, hang, usb-out, usb-in, \
+         exchange-motors=UNIT:UNIT, exchange-cells=UNIT:UNIT, exchange-drdy=UNIT:UNIT, pull-out=UNIT:MM, \
+         exchange-channels=UNIT:UNIT, tie-selects=UNIT:UNIT, open-ldac=UNIT, cut-drdy=UNIT, cell-share=UNIT:SHARE, \
+         cell-noise=UNIT:V/V, bypass-relay=UNIT, bridge-relay, invert-relay, open-alive, bridge-estop, \
+         bridge-estop-at-plc, invert-estop, hang, usb-out, usb-in, \
          usb-suspend, usb-resume (a rig started with --usb)"
     };
 }
@@ -129,6 +132,23 @@ fn read(what: &str, wrong: &dyn Fn(&str) -> String) -> Result<Injection, String>
             unit()?,
             number("-1000 to 1000 mm of cable are possible", -1e3..=1e3)?,
         ),
+        "exchange-channels" => Injection::ExchangeChannels(unit()?, other()?),
+        "tie-selects" => Injection::TieSelects(unit()?, other()?),
+        "open-ldac" => Injection::OpenLdac(unit()?, true),
+        "cut-drdy" => Injection::CutDrdy(unit()?, true),
+        "cell-share" => {
+            Injection::CellShare(unit()?, number("a share of -4 to 4 is needed", -4.0..=4.0)?)
+        }
+        "cell-noise" => {
+            Injection::CellNoise(unit()?, number("0 to 1e-3 V/V are possible", 0.0..=1e-3)?)
+        }
+        "bypass-relay" => Injection::BypassRelay(unit()?, true),
+        "bridge-relay" => Injection::BridgeRelay(true),
+        "invert-relay" => Injection::InvertRelay(true),
+        "open-alive" => Injection::OpenAlive(true),
+        "bridge-estop" => Injection::BridgeEStop(true),
+        "bridge-estop-at-plc" => Injection::BridgeEStopAtPlc(true),
+        "invert-estop" => Injection::InvertEStop(true),
         "hang" => Injection::HangLoop,
         "usb-out" => Injection::PlugUsb(false),
         "usb-in" => Injection::PlugUsb(true),
@@ -177,6 +197,19 @@ pub fn describe(injection: &Injection) -> Option<String> {
         Injection::ExchangeCells(a, b) => format!("exchange-cells={a}:{b}"),
         Injection::ExchangeDrdy(a, b) => format!("exchange-drdy={a}:{b}"),
         Injection::PullOut(unit, mm) => format!("pull-out={unit}:{mm}"),
+        Injection::ExchangeChannels(a, b) => format!("exchange-channels={a}:{b}"),
+        Injection::TieSelects(a, b) => format!("tie-selects={a}:{b}"),
+        Injection::OpenLdac(unit, true) => format!("open-ldac={unit}"),
+        Injection::CutDrdy(unit, true) => format!("cut-drdy={unit}"),
+        Injection::CellShare(unit, share) => format!("cell-share={unit}:{share}"),
+        Injection::CellNoise(unit, sd) => format!("cell-noise={unit}:{sd}"),
+        Injection::BypassRelay(unit, true) => format!("bypass-relay={unit}"),
+        Injection::BridgeRelay(true) => "bridge-relay".to_owned(),
+        Injection::InvertRelay(true) => "invert-relay".to_owned(),
+        Injection::OpenAlive(true) => "open-alive".to_owned(),
+        Injection::BridgeEStop(true) => "bridge-estop".to_owned(),
+        Injection::BridgeEStopAtPlc(true) => "bridge-estop-at-plc".to_owned(),
+        Injection::InvertEStop(true) => "invert-estop".to_owned(),
         // These have no word: they are for tests.
         _ => return None,
     })
@@ -262,6 +295,19 @@ mod tests {
             "exchange-cells=3:4",
             "exchange-drdy=1:2",
             "pull-out=2:-200",
+            "exchange-channels=2:5",
+            "tie-selects=2:3",
+            "open-ldac=4",
+            "cut-drdy=1",
+            "cell-share=3:0.6",
+            "cell-noise=6:0.00001",
+            "bypass-relay=3",
+            "bridge-relay",
+            "invert-relay",
+            "open-alive",
+            "bridge-estop",
+            "bridge-estop-at-plc",
+            "invert-estop",
         ] {
             let (_, injection) = parse(&format!("{words}@start")).unwrap();
             assert_eq!(describe(&injection).as_deref(), Some(words));

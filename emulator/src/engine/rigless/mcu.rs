@@ -25,8 +25,8 @@ use rigless::time::VirtualNanos;
 
 /// Crystal input: 8 MHz from the ST-Link.
 const HSE_HZ: u64 = 8_000_000;
-/// BOR_LEV in FLASH_OPTSR_CUR.
-const BROWN_OUT_LEVEL_3: u64 = 3 << 2;
+/// BOR_LEV in FLASH_OPTSR_CUR: place of its two bits.
+const BROWN_OUT_LEVEL: u32 = 2;
 /// Supply in millivolts.
 const SUPPLY_MV: u32 = 3_300;
 
@@ -269,14 +269,16 @@ impl RigMcu {
         Ok(())
     }
 
-    /// The option bytes, which the part loads at each reset: brown-out level 3, as docs/bring-up.md has it set.
+    /// The option bytes, which the part loads at each reset: brown-out level 3, as docs/bring-up.md has it set, unless one was injected.
     fn load_option_bytes(&mut self) {
+        let level = u64::from(self.board.lock().brown_out_level());
         let registers = (self.part.bus_mut())
             .slot_mut(self.slots.flash)
             .registers_mut();
         for register in [flash::Register::OptsrCur, flash::Register::OptsrCur_] {
             let bytes = registers.get(register);
-            registers.set(register, bytes | BROWN_OUT_LEVEL_3);
+            let others = bytes & !(3 << BROWN_OUT_LEVEL);
+            registers.set(register, others | level << BROWN_OUT_LEVEL);
         }
     }
 
