@@ -27,6 +27,8 @@ Tests, in their order:
   estop       you press the E-stop and release it
   reels       you pull each cable out by 200 mm: its encoder and its load cell have to answer, and no other
   weights     you hang a known weight on each cable (with --weight)
+  power       you unplug the alive line at the PLC: pulses of the motors must move nothing then. You say whether the
+              amplifiers' lamps are lit, also with the E-stop pressed
   motors      pulses of 12 ms that the board ends by itself, from 0.3 N up, until an encoder or a load cell answers; at most
               1.3 N blind. Only with an E-stop that was seen to work
 
@@ -50,7 +52,7 @@ pub struct BringUp {
     /// Test this unit only; repeatable
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=UNITS as i64))]
     unit: Vec<u8>,
-    /// Repeat the tests from this one on: board, converters, estop, reels, weights or motors
+    /// Repeat the tests from this one on: board, converters, estop, reels, weights, power or motors
     #[arg(long, value_name = "TEST")]
     from: Option<Test>,
     /// Forget what was measured before, and begin anew
@@ -149,8 +151,8 @@ impl BringUp {
         };
         let mut bench = Bench::new(&mut session, &rig, &plan, &mut person)?;
         let ended = next.into_iter().try_for_each(|test| {
-            if test == Test::Motors {
-                if let Err(why) = record.may_drive() {
+            if test.drives() {
+                if let Err(why) = record.may_drive(test) {
                     context.output.note(&why);
                     return Ok(());
                 }
@@ -233,8 +235,14 @@ impl Hands for Person<'_> {
             return emulated(action, session);
         }
         let mut lost = None;
+        let question = matches!(action, Action::LookAtPower);
+        let keys = if question {
+            "y: yes; n: no"
+        } else {
+            "Enter: done"
+        };
         let typed = ask_while(
-            &format!("  {action}\n  Enter: done; s: leave this out; q: stop here"),
+            &format!("  {action}\n  {keys}; s: leave this out; q: stop here"),
             &mut || {
                 if self.stop.load(Ordering::Relaxed) {
                     lost = Some(BringUpError::Stopped);
@@ -250,6 +258,11 @@ impl Hands for Person<'_> {
         match (lost, typed) {
             (Some(error), _) => Err(error),
             (None, Ok(Typed::Go(text))) if text == "s" => Ok(Answer::Skip),
+            (None, Ok(Typed::Go(text))) if question => match text.as_str() {
+                "y" | "yes" => Ok(Answer::Done),
+                "n" | "no" => Ok(Answer::No),
+                _ => self.act(action, session),
+            },
             (None, Ok(Typed::Go(_))) => Ok(Answer::Done),
             (None, Ok(Typed::Undo | Typed::Quit)) => Err(BringUpError::Stopped),
             (None, Err(failure)) => Err(BringUpError::Question(failure.message)),

@@ -1,12 +1,76 @@
 //! All mistakes of wiring with every slack on the rigs of some seeds, and the right rig as often: how many are named first, and how
-//! hard a cable was pulled. Prints a table; a minute and more.
+//! hard a cable was pulled; then ten pairs of mistakes, of which one has to be named. Prints two tables; some minutes.
 //!
 //! `cargo run -p bring-up --example mistakes -- [SEEDS [WORDS]]`: number of seeds (5), and only the mistakes with these words.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use common::{cases, is_named, run, told, Case, SLACK_MM};
+use bring_up::steps::Test;
+use common::{cases, is_named, one_is_named, pairs, run, told, Case, Run, SLACK_MM};
+
+/// What all runs have in common.
+#[derive(Default)]
+struct All {
+    named: usize,
+    of: usize,
+    most_n: f64,
+    command_n: f64,
+    pulse_ms: u32,
+    /// Longest time of each test, s.
+    seconds: [f64; Test::ALL.len()],
+}
+
+impl All {
+    fn take(&mut self, run: &Run, good: bool) {
+        self.named += usize::from(good);
+        self.of += 1;
+        self.most_n = self.most_n.max(run.most_n);
+        self.command_n = self.command_n.max(run.command_n);
+        self.pulse_ms = self.pulse_ms.max(run.longest_ms);
+        for (most, seconds) in self.seconds.iter_mut().zip(run.seconds) {
+            *most = most.max(seconds);
+        }
+    }
+
+    fn row(&self, what: &str) {
+        println!(
+            "| {what} | {} of {} | {:.2} |",
+            self.named, self.of, self.most_n
+        );
+    }
+}
+
+fn table(title: &str, cases: &[Case], seeds: u64, good: &dyn Fn(&Case, &Run) -> bool) {
+    println!("| {title} | named | largest true tension, N |\n| --- | --- | --- |");
+    let mut all = All::default();
+    for case in cases {
+        let mut of_case = All::default();
+        for slack_mm in SLACK_MM {
+            for seed in 1..=seeds {
+                let run = run(200.0, &case.injections, slack_mm, seed);
+                let good = good(case, &run);
+                if !good {
+                    eprintln!("{} ({slack_mm} mm, seed {seed}):{}", case.what, told(&run));
+                }
+                of_case.take(&run, good);
+                all.take(&run, good);
+            }
+        }
+        of_case.row(case.what);
+    }
+    all.row("all");
+    println!(
+        "\nstrongest command {:.2} N, longest pulse {} ms",
+        all.command_n, all.pulse_ms
+    );
+    let times = Test::ALL.iter().zip(all.seconds);
+    let times: Vec<String> = times.map(|(test, s)| format!("{test} {s:.0}")).collect();
+    println!(
+        "longest time of the rig, six units, emulated hands: {} s\n",
+        times.join(", ")
+    );
+}
 
 fn main() {
     let mut arguments = std::env::args().skip(1);
@@ -19,38 +83,28 @@ fn main() {
         }
     };
     let only = arguments.next().unwrap_or_default();
-    let mut all = (0, 0, 0.0_f64);
-    let (mut command_n, mut pulse_ms) = (0.0_f64, 0);
-    println!("| mistake | named | largest true tension, N |\n| --- | --- | --- |");
     let right = Case {
         what: "none",
         injections: vec![],
         is_right: |_| false,
     };
-    let all_cases = cases();
-    let chosen = all_cases.iter().chain([&right]);
-    for case in chosen.filter(|case| case.what.contains(&only)) {
-        let (mut named, mut of, mut most_n) = (0, 0, 0.0_f64);
-        for slack_mm in SLACK_MM {
-            for seed in 1..=seeds {
-                let run = run(200.0, &case.injections, slack_mm, seed);
-                let good = if case.what == "none" {
-                    run.found.is_empty() && run.figures.motors.iter().all(Option::is_some)
-                } else {
-                    is_named(case, &run)
-                };
-                if !good {
-                    eprintln!("{} ({slack_mm} mm, seed {seed}):{}", case.what, told(&run));
-                }
-                (named, of) = (named + usize::from(good), of + 1);
-                most_n = most_n.max(run.most_n);
-                command_n = command_n.max(run.command_n);
-                pulse_ms = pulse_ms.max(run.longest_ms);
-            }
+    let chosen = |mut cases: Vec<Case>| {
+        cases.retain(|case| case.what.contains(&only));
+        cases
+    };
+    let singles = chosen(cases().into_iter().chain([right]).collect());
+    let pairs = chosen(pairs());
+    table("mistake", &singles, seeds, &|case, run| {
+        if case.what == "none" {
+            run.found.is_empty() && run.figures.motors.iter().all(Option::is_some)
+        } else {
+            is_named(case, run)
         }
-        println!("| {} | {named} of {of} | {most_n:.2} |", case.what);
-        all = (all.0 + named, all.1 + of, all.2.max(most_n));
-    }
-    println!("| all | {} of {} | {:.2} |", all.0, all.1, all.2);
-    println!("\nstrongest command {command_n:.2} N, longest pulse {pulse_ms} ms");
+    });
+    table(
+        "two mistakes, one has to be named",
+        &pairs,
+        seeds,
+        &one_is_named,
+    );
 }

@@ -13,6 +13,8 @@ pub struct Figures {
     pub converters: Option<[ConverterFigures; UNITS]>,
     /// The E-stop, pressed and released.
     pub estop: Option<EStopFigures>,
+    /// The amplifiers' power, with the alive line unplugged and with the E-stop pressed.
+    pub power: Option<PowerFigures>,
     /// Cables that were pulled out by hand, one after the other.
     pub pulls: [Option<PullFigures>; UNITS],
     /// Known weights on the cables, one after the other.
@@ -78,6 +80,19 @@ pub struct EStopFigures {
     pub closed_released: bool,
     /// The alive line was withheld after the release with every unit ready.
     pub alive_withheld: bool,
+}
+
+/// The amplifiers' power. What a person did not look at is `None`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct PowerFigures {
+    /// The amplifiers showed power with everything in order.
+    pub lit_ready: Option<bool>,
+    /// They showed power while the E-stop was pressed.
+    pub lit_pressed: Option<bool>,
+    /// They showed power while the alive line was unplugged.
+    pub lit_unplugged: Option<bool>,
+    /// Pulses while the alive line was unplugged: nothing may move.
+    pub unplugged: [Option<MotorFigures>; UNITS],
 }
 
 /// A cable that was pulled out by hand.

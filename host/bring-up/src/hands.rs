@@ -44,6 +44,12 @@ pub enum Action {
         /// Unit.
         unit: u8,
     },
+    /// Look whether the amplifiers show power.
+    LookAtPower,
+    /// Pull the alive line's plug out at the PLC.
+    UnplugAlive,
+    /// Plug it in again.
+    PlugAlive,
     /// Keep hands, tools and hair away from the reels: motors will move.
     StandBack,
 }
@@ -66,6 +72,15 @@ impl fmt::Display for Action {
                 "Unit {unit}: hold the reel and hang the weight ({newton:.2} N) on the cable, along the load cell's axis. Wait until it hangs still."
             ),
             Self::TakeOff { unit } => write!(f, "Unit {unit}: take the weight off and leave the cable loose."),
+            Self::LookAtPower => write!(
+                f,
+                "Look at the amplifiers' lamps, or at the lamp of the PLC's relay: do they show power?"
+            ),
+            Self::UnplugAlive => write!(
+                f,
+                "Pull the plug of the alive line (PC8) out at the PLC. The amplifiers must lose their power."
+            ),
+            Self::PlugAlive => write!(f, "Plug the alive line in again."),
             Self::StandBack => write!(
                 f,
                 "The motors get short pulses now, unit by unit. All cables hang loosely; keep hands away from the reels and one hand at the E-stop."
@@ -79,6 +94,8 @@ impl fmt::Display for Action {
 pub enum Answer {
     /// It was done.
     Done,
+    /// The answer to a question is no.
+    No,
     /// It was not done, and the test is left out.
     Skip,
 }
@@ -107,6 +124,9 @@ pub fn emulated(action: &Action, session: &mut Session<'_>) -> Result<Answer, Br
         Action::LayLoose { unit, mm } => (Injection::PullOut(unit, -mm), mm / HAND_MM_PER_S),
         Action::Hang { unit, newton } => (Injection::PullCable(unit, newton), 0.0),
         Action::TakeOff { unit } => (Injection::PullCable(unit, 0.0), 0.0),
+        Action::UnplugAlive => (Injection::UnplugAlive(true), 0.0),
+        Action::PlugAlive => (Injection::UnplugAlive(false), 0.0),
+        Action::LookAtPower => return look_at_power(session),
         Action::StandBack => return Ok(Answer::Done),
     };
     let Some(controls) = session.link().controls() else {
@@ -120,4 +140,14 @@ pub fn emulated(action: &Action, session: &mut Session<'_>) -> Result<Answer, Br
         session.exchange(PERIOD)?;
     }
     Ok(Answer::Done)
+}
+
+/// What an emulated rig's amplifiers show; nobody looks at those of a real one.
+fn look_at_power(session: &mut Session<'_>) -> Result<Answer, BringUpError> {
+    session.exchange(PERIOD)?;
+    Ok(match session.drain().truth.last() {
+        Some(truth) if truth.amplifier_on => Answer::Done,
+        Some(_) => Answer::No,
+        None => Answer::Skip,
+    })
 }

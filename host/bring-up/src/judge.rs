@@ -3,7 +3,9 @@
 //! What a hand does names encoders and load cells. What a pulse moves is then known by the reel and not by the plug, so that
 //! exchanged motors are told from exchanged encoders. Without hands the load cells help; where nothing tells them apart, both are named.
 
-use crate::figures::{ConverterFigures, Figures, MotorFigures, PullFigures, PulseFigures};
+use crate::figures::{
+    ConverterFigures, EStopFigures, Figures, MotorFigures, PullFigures, PulseFigures,
+};
 use crate::mistake::{Mistake, Named, Sure};
 use crate::pulse::{ANSWER_M, ANSWER_N, TIGHT_N, TURNED_M};
 use control::Fault;
@@ -43,7 +45,10 @@ pub fn judge(rig: &Rig, figures: &Figures) -> Vec<Named> {
     }
     let hands = Hands::of(rig, figures);
     hands.name(rig, figures, &mut found);
+    channels(&mut found);
+    counters(&mut found);
     weights(figures, &hands, &mut found);
+    power(figures, &mut found);
     motors(rig, figures, &hands, &mut found);
     found.sort_by_key(|named| named.sure);
     found
@@ -70,7 +75,10 @@ fn board(figures: &Figures, found: &mut Vec<Named>) {
             let level = board.brown_out_level;
             found.push(certain(Mistake::BrownOutLevel { level }, "FLASH_OPTSR"));
         }
-        if board.fault != 0 && board.fault != Fault::SetpointsExpired.code() {
+        // The E-stop's own test says what is wrong with it.
+        let wrong = |estop: &EStopFigures| estop.closed_pressed || !estop.closed_released;
+        let named = board.fault == Fault::EStop.code() && figures.estop.as_ref().is_some_and(wrong);
+        if !named && board.fault != 0 && board.fault != Fault::SetpointsExpired.code() {
             let fault = board.fault;
             found.push(certain(Mistake::BoardFault { fault }, "the board's status"));
         }
@@ -339,6 +347,96 @@ fn weights(figures: &Figures, hands: &Hands, found: &mut Vec<Named>) {
     }
 }
 
+/// A converter whose DRDY and whose load cell both seem to be another's is itself at the other's place.
+fn channels(found: &mut Vec<Named>) {
+    let drdy: Vec<Vec<u8>> = (found.iter())
+        .filter_map(|named| match &named.mistake {
+            Mistake::DrdyExchanged { units } => Some(units.clone()),
+            _ => None,
+        })
+        .collect();
+    for units in drdy {
+        let cells = Mistake::CellsExchanged {
+            units: units.clone(),
+        };
+        if !found.iter().any(|named| named.mistake == cells) {
+            continue;
+        }
+        let drdy = Mistake::DrdyExchanged {
+            units: units.clone(),
+        };
+        found.retain(|named| named.mistake != cells && named.mistake != drdy);
+        let told = "one converter was started anew, and the other unit's DRDY line went silent; their load cells answered for each other too";
+        found.push(certain(Mistake::ChannelsExchanged { units }, told));
+    }
+}
+
+/// Two encoders of one counter that do not count are the counter.
+fn counters(found: &mut Vec<Named>) {
+    for chip in 1..=UNITS as u8 / 2 {
+        let units = [2 * chip - 1, 2 * chip];
+        let dead = |named: &Named, unit| named.mistake == Mistake::EncoderDead { unit };
+        if units.map(|unit| found.iter().any(|named| dead(named, unit))) != [true; 2] {
+            continue;
+        }
+        found.retain(|named| !units.into_iter().any(|unit| dead(named, unit)));
+        let told = "both cables were pulled out, and no encoder counted";
+        found.push(certain(Mistake::CounterDead { chip }, told));
+    }
+}
+
+/// What moved or was lit although it must not.
+fn power(figures: &Figures, found: &mut Vec<Named>) {
+    let Some(power) = &figures.power else { return };
+    let tested: Vec<usize> = (0..UNITS)
+        .filter(|i| (power.unplugged[*i].as_ref()).is_some_and(|motor| !motor.pulses.is_empty()))
+        .collect();
+    let moved: Vec<u8> = (tested.iter())
+        .filter(|i| power.unplugged[**i].as_ref().is_some_and(answers))
+        .map(|i| number(*i))
+        .collect();
+    let lit = power.lit_unplugged == Some(true);
+    let told = |what: &str| {
+        let units: Vec<String> = moved.iter().map(u8::to_string).collect();
+        match units.as_slice() {
+            [] => what.to_owned(),
+            units => format!(
+                "pulses moved units {} while the alive line was unplugged",
+                units.join(", ")
+            ),
+        }
+    };
+    if lit || (!moved.is_empty() && moved.len() == tested.len()) {
+        let mistake = match power.lit_ready {
+            Some(false) => Mistake::RelayInverted,
+            _ => Mistake::RelayBridged,
+        };
+        found.push(certain(mistake, told("the lamps said so")));
+    } else if !moved.is_empty() {
+        let units = moved.clone();
+        found.push(certain(Mistake::RelayBypassed { units }, told("")));
+    } else if power.lit_ready == Some(false) {
+        found.push(certain(
+            Mistake::NoPower,
+            "no lamp was lit, with every unit ready and the E-stop released",
+        ));
+    }
+    if power.lit_pressed == Some(true) && !lit && moved.is_empty() {
+        found.push(certain(Mistake::EStopNotAtPlc, "the lamps said so"));
+    }
+}
+
+/// Whether pulses moved something: the strongest turned a reel or tightened a cable, or two of them showed something.
+fn answers(motor: &MotorFigures) -> bool {
+    let most = |values: &[f64; UNITS]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+    let clear =
+        |pulse: &PulseFigures| most(&pulse.travel_m) >= TURNED_M || most(&pulse.cell_n) >= TIGHT_N;
+    let some = |pulse: &&PulseFigures| {
+        most(&pulse.travel_m) >= ANSWER_M || most(&pulse.cell_n) >= ANSWER_N
+    };
+    motor.pulses.iter().any(clear) || motor.pulses.iter().filter(some).count() >= 2
+}
+
 /// What a motor's pulses moved.
 enum Moved {
     Nothing,
@@ -434,7 +532,18 @@ fn motors(rig: &Rig, figures: &Figures, hands: &Hands, found: &mut Vec<Named>) {
         .collect();
     if silent.len() == tested().count() && silent.len() > 1 {
         let told = "no encoder and no load cell answered any motor's pulses";
-        found.push(certain(Mistake::AllMotorsDead, told));
+        // Without power there is one more cause, and `power` has named it.
+        let lit = figures.power.as_ref().and_then(|power| power.lit_ready);
+        if lit != Some(false) {
+            found.push(certain(Mistake::AllMotorsDead, told));
+        }
+        if lit == Some(true) {
+            found.push(Named {
+                mistake: Mistake::NoCommand,
+                sure: Sure::Likely,
+                evidence: format!("{told}, and the amplifiers show power"),
+            });
+        }
         return;
     }
     for i in silent {

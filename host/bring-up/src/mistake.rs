@@ -15,13 +15,20 @@ pub enum Mistake {
     ConverterSilent { unit: u8, fault: u16, detail: u32 },
     DrdyDead { unit: u8 },
     DrdyExchanged { units: Vec<u8> },
+    ChannelsExchanged { units: Vec<u8> },
     SamplesMissed { unit: u8, missed: u32 },
     Rate { unit: u8, sps: f64 },
     Noise { unit: u8, noise_n: f64 },
     EStopNotRead,
     EStopInverted,
     EStopOpen,
+    EStopNotAtPlc,
+    RelayBridged,
+    RelayInverted,
+    RelayBypassed { units: Vec<u8> },
+    NoPower,
     EncoderDead { unit: u8 },
+    CounterDead { chip: u8 },
     EncodersExchanged { units: Vec<u8> },
     EncoderSign { unit: u8 },
     EncoderLines { unit: u8, lines: u32 },
@@ -32,6 +39,7 @@ pub enum Mistake {
     CellScale { unit: u8, ratio: f64 },
     MotorDead { unit: u8 },
     AllMotorsDead,
+    NoCommand,
     MotorsExchanged { units: Vec<u8> },
     MotorSign { unit: u8 },
     AmplifierGain { unit: u8, ratio: f64 },
@@ -80,11 +88,18 @@ impl Mistake {
             Self::ConverterSilent { .. }
             | Self::DrdyDead { .. }
             | Self::DrdyExchanged { .. }
+            | Self::ChannelsExchanged { .. }
             | Self::SamplesMissed { .. }
             | Self::Rate { .. }
             | Self::Noise { .. } => Test::Converters,
             Self::EStopNotRead | Self::EStopInverted | Self::EStopOpen => Test::Estop,
+            Self::EStopNotAtPlc
+            | Self::RelayBridged
+            | Self::RelayInverted
+            | Self::RelayBypassed { .. }
+            | Self::NoPower => Test::Power,
             Self::EncoderDead { .. }
+            | Self::CounterDead { .. }
             | Self::EncodersExchanged { .. }
             | Self::EncoderSign { .. }
             | Self::EncoderLines { .. }
@@ -95,6 +110,7 @@ impl Mistake {
             Self::CellScale { .. } => Test::Weights,
             Self::MotorDead { .. }
             | Self::AllMotorsDead
+            | Self::NoCommand
             | Self::MotorsExchanged { .. }
             | Self::MotorSign { .. }
             | Self::AmplifierGain { .. }
@@ -121,6 +137,20 @@ impl Mistake {
             Self::EStopNotRead => "check that the E-stop's contact is in the loop to PG8 and not bridged".into(),
             Self::EStopInverted => "use the normally closed contact of the E-stop".into(),
             Self::EStopOpen => "release the E-stop and check its plug".into(),
+            Self::EStopNotAtPlc => "check that the E-stop's second contact is in the PLC's loop and not bridged".into(),
+            Self::RelayBridged => {
+                "check the PLC's relay for a bridge or a welded contact, and that the PLC watches the alive line (docs/wiring.md)".into()
+            }
+            Self::RelayInverted => "use the PLC's normally open output: without edges of the alive line it has to be open".into(),
+            Self::RelayBypassed { .. } => "feed these amplifiers from the PLC's relay as the others".into(),
+            Self::NoPower => {
+                "check the alive line from PC8 (SB14 and SB15, docs/wiring.md) to the PLC's input, its limits of 0.2 to 5 ms, and the amplifiers' supply".into()
+            }
+            Self::ChannelsExchanged { .. } => "exchange SDA and SCL of these converters at the multiplexer".into(),
+            Self::CounterDead { chip } => format!("check 5 V, FCK, CS of LS7266R1 number {chip}, and RD and WR at it"),
+            Self::NoCommand => {
+                "check SCK, SDI, LDAC and RST of the DACs, their +-15 V, the wires to the amplifiers' inputs, and the amplifiers' enable".into()
+            }
             Self::EncoderDead { unit } => format!("check plug, 5 V, A and B of encoder {unit}, and FCK of its counter"),
             Self::EncodersExchanged { .. } => "exchange the encoder plugs".into(),
             Self::EncoderSign { unit } => {
@@ -138,7 +168,7 @@ impl Mistake {
                 format!("exchange the signal wires of cell {unit}, or change the sign of scale_n_per_count in the rig file")
             }
             Self::CellScale { unit, .. } => format!("check the capacity of cell {unit}, then `forcectl calibrate gain`"),
-            Self::MotorDead { unit } => format!("check amplifier {unit}: supply, enable, its input from the DAC, the motor's cable"),
+            Self::MotorDead { unit } => format!("check amplifier {unit}: supply, enable, its input from the DAC, the motor's cable; CS, LDAC and RST of the DAC"),
             Self::AllMotorsDead => "check the amplifiers' supply, the PLC's relay, the alive line (PC8) and LDAC".into(),
             Self::MotorsExchanged { .. } => "exchange the motors' cables, or their wires at the DACs".into(),
             Self::MotorSign { unit } => format!("exchange the two wires of motor {unit}"),
@@ -200,6 +230,42 @@ impl fmt::Display for Mistake {
                 write!(f, "the E-stop's contact is inverted: closed when pressed")
             }
             Self::EStopOpen => write!(f, "the E-stop loop is open though the button is released"),
+            Self::EStopNotAtPlc => write!(
+                f,
+                "the amplifiers keep their power while the E-stop is pressed: the PLC does not see it"
+            ),
+            Self::RelayBridged => write!(
+                f,
+                "the amplifiers have power without the alive line: the PLC's relay is bridged"
+            ),
+            Self::RelayInverted => write!(
+                f,
+                "the amplifiers have power without the alive line and none with it: the PLC's output is inverted"
+            ),
+            Self::RelayBypassed { units } => write!(
+                f,
+                "units {}: their amplifiers have power without the alive line: they are fed past the PLC's relay",
+                list(units)
+            ),
+            Self::NoPower => write!(
+                f,
+                "the amplifiers get no power: the alive line is open, or the PLC gives none"
+            ),
+            Self::ChannelsExchanged { units } => write!(
+                f,
+                "units {}: their converters' cables are exchanged at the multiplexer",
+                list(units)
+            ),
+            Self::CounterDead { chip } => write!(
+                f,
+                "units {} and {}: counter {chip} does not count",
+                2 * chip - 1,
+                2 * chip
+            ),
+            Self::NoCommand => write!(
+                f,
+                "no motor gives any force although the amplifiers have power: they get no command, or are not enabled"
+            ),
             Self::EncoderDead { unit } => write!(f, "unit {unit}: the encoder does not count"),
             Self::EncodersExchanged { units } => {
                 write!(f, "units {}: their encoders are exchanged", list(units))

@@ -7,7 +7,7 @@
 
 use crate::figures::{EStopFigures, Figures};
 use crate::judge::judge;
-use crate::mistake::Named;
+use crate::mistake::{Mistake, Named};
 use crate::steps::Test;
 use files::Part;
 use known::store::Store;
@@ -178,6 +178,9 @@ impl Record {
             Test::Board => self.figures.board.is_some(),
             Test::Converters => self.figures.converters.is_some(),
             Test::Estop => self.figures.estop.is_some(),
+            Test::Power => {
+                (self.figures.power.as_ref()).is_some_and(|power| power.unplugged[*i].is_some())
+            }
             Test::Reels => self.figures.pulls[*i].is_some(),
             Test::Weights => self.figures.weights[*i].is_some(),
             Test::Motors => self.figures.motors[*i].is_some(),
@@ -232,6 +235,11 @@ impl Record {
             Test::Board => figures.board = None,
             Test::Converters => figures.converters = None,
             Test::Estop => figures.estop = None,
+            Test::Power => {
+                if let Some(power) = &mut figures.power {
+                    units.iter().for_each(|i| power.unplugged[*i] = None);
+                }
+            }
             Test::Reels => units.iter().for_each(|i| figures.pulls[*i] = None),
             Test::Weights => units.iter().for_each(|i| figures.weights[*i] = None),
             Test::Motors => units.iter().for_each(|i| figures.motors[*i] = None),
@@ -242,11 +250,19 @@ impl Record {
         }
     }
 
-    /// Whether motors may be driven: only with an E-stop that was seen to work.
+    /// Whether a test may drive motors: only with an E-stop that was seen to work, and `motors` only where nothing says that the power
+    /// can't be cut.
     ///
     /// # Errors
     /// Why not.
-    pub fn may_drive(&self) -> std::result::Result<(), String> {
+    pub fn may_drive(&self, test: Test) -> std::result::Result<(), String> {
+        let uncut = self.mistakes.iter().find(|named| {
+            let of_power = named.mistake.test() == Test::Power;
+            of_power && named.mistake != Mistake::NoPower
+        });
+        if let (Test::Motors, Some(named)) = (test, uncut) {
+            return Err(format!("{}: no motor is driven", named.mistake));
+        }
         let works = |estop: &EStopFigures| !estop.closed_pressed && estop.closed_released;
         match &self.figures.estop {
             Some(estop) if works(estop) => Ok(()),
@@ -314,6 +330,7 @@ pub fn write(store: &Store, record: &Record) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::figures::PowerFigures;
 
     fn identity() -> Identity {
         let mut identity = Identity {
@@ -365,7 +382,8 @@ mod tests {
         record.took(&rig, Test::Reels, &units, "2026-11-26");
         // Nothing was measured.
         assert_eq!(record.open(&units), Test::ALL);
-        assert!(record.may_drive().unwrap_err().contains("not tested"));
+        let may_drive = |record: &Record| record.may_drive(Test::Motors);
+        assert!(may_drive(&record).unwrap_err().contains("not tested"));
         let estop = |closed_pressed| EStopFigures {
             closed_before: true,
             closed_pressed,
@@ -373,12 +391,24 @@ mod tests {
             alive_withheld: false,
         };
         record.figures.estop = Some(estop(false));
-        assert_eq!(record.may_drive(), Ok(()));
+        assert_eq!(may_drive(&record), Ok(()));
+        record.figures.power = Some(PowerFigures {
+            lit_unplugged: Some(true),
+            ..PowerFigures::default()
+        });
+        record.took(&rig, Test::Power, &units, "2026-11-26");
+        assert!(may_drive(&record)
+            .unwrap_err()
+            .contains("relay is bridged: no motor"));
+        // What shows it may be repeated.
+        assert_eq!(record.may_drive(Test::Power), Ok(()));
+        record.figures.power = None;
+        record.took(&rig, Test::Power, &units, "2026-11-26");
         record.figures.estop = Some(estop(true));
-        assert!(record.may_drive().unwrap_err().contains("does not work"));
+        assert!(may_drive(&record).unwrap_err().contains("does not work"));
         record.took(&rig, Test::Estop, &units, "2026-11-26");
         assert_eq!(record.verdict(&units), Verdict::Failed);
-        assert_eq!(record.open(&units).len(), 5);
+        assert_eq!(record.open(&units).len(), 6);
         assert_eq!(record.next(&units), Test::ALL);
         write(&store, &record).unwrap();
         assert_eq!(read(&store).unwrap(), Some(record));

@@ -1,7 +1,7 @@
 //! The tests, in order, on a session with the board.
 
 use crate::figures::{
-    BoardFigures, ConverterFigures, EStopFigures, Figures, PullFigures, WeightFigures,
+    BoardFigures, ConverterFigures, EStopFigures, Figures, MotorFigures, PullFigures, WeightFigures,
 };
 use crate::hands::{Action, Answer, Hands};
 use crate::window::{scales, Rest, Window};
@@ -15,6 +15,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use wire::message::{BoardConfig, Status, UnitConfig};
 use wire::{Command, UNITS};
+
+mod power;
 
 /// How long converters may take to come up, with retries.
 const BRING_UP_TIMEOUT: Duration = Duration::from_secs(15);
@@ -41,18 +43,21 @@ pub enum Test {
     Reels,
     /// Known weights.
     Weights,
+    /// The amplifiers' power: with the alive line unplugged a pulse moves nothing.
+    Power,
     /// Pulses of the motors.
     Motors,
 }
 
 impl Test {
     /// All, in their order.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Board,
         Self::Converters,
         Self::Estop,
         Self::Reels,
         Self::Weights,
+        Self::Power,
         Self::Motors,
     ];
 
@@ -65,8 +70,15 @@ impl Test {
             Self::Estop => "estop",
             Self::Reels => "reels",
             Self::Weights => "weights",
+            Self::Power => "power",
             Self::Motors => "motors",
         }
+    }
+
+    /// Whether it drives motors.
+    #[must_use]
+    pub const fn drives(self) -> bool {
+        matches!(self, Self::Power | Self::Motors)
     }
 }
 
@@ -166,9 +178,16 @@ impl<'a, 's> Bench<'a, 's> {
                     }
                 }
             }
+            Test::Power => self.power(figures)?,
             Test::Motors => self.motors(figures)?,
         }
         Ok(())
+    }
+
+    /// Time of the link, ns.
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        self.session.now_ns()
     }
 
     /// Gives the board back the configuration that it had, with its zeros.
@@ -371,10 +390,19 @@ impl<'a, 's> Bench<'a, 's> {
     }
 
     fn motors(&mut self, figures: &mut Figures) -> Result<(), BringUpError> {
-        let status = self.clear()?;
         if self.act(Action::StandBack)? == Answer::Skip {
             return Ok(());
         }
+        self.pulses(pulse::SEEN_N, &mut figures.motors)
+    }
+
+    /// Pulses of each unit, of at most `most_n`.
+    fn pulses(
+        &mut self,
+        most_n: f64,
+        figures: &mut [Option<MotorFigures>; UNITS],
+    ) -> Result<(), BringUpError> {
+        let status = self.clear()?;
         let works = works(&status);
         let rest = Window::over(self.session, REST)?;
         let zero_code = std::array::from_fn(|i| rest.mean_code(i).unwrap_or(0.0).round() as i32);
@@ -390,10 +418,10 @@ impl<'a, 's> Bench<'a, 's> {
                 self.rig,
                 works,
                 zero_code,
-                unit,
+                (unit, most_n),
                 self.plan.stop,
             ) {
-                Ok(found) => figures.motors[unit] = Some(found),
+                Ok(found) => figures[unit] = Some(found),
                 Err(error) => {
                     ended = Err(error);
                     break;

@@ -35,11 +35,30 @@ fn single_mistakes_are_named_and_no_cable_is_pulled_hard() {
     }
 }
 
+/// Of two mistakes one is named at least, within the same bounds.
+#[test]
+fn of_two_mistakes_one_is_named_and_no_cable_is_pulled_hard() {
+    for (n, pair) in pairs().iter().enumerate() {
+        let slack_mm = SLACK_MM[n % 4];
+        let run = run(60.0, &pair.injections, slack_mm, 80 + n as u64);
+        assert!(
+            one_is_named(pair, &run),
+            "{} ({slack_mm} mm of slack):{}",
+            pair.what,
+            told(&run)
+        );
+        check_bounds(pair.what, &run);
+    }
+}
+
 /// What the chips and the cables have seen of the bounds of `bring_up::pulse`.
 fn check_bounds(what: &str, run: &Run) {
     assert!(run.most_n < BOUND_N, "{what}: {} N", run.most_n);
     // 12 ms. The board looks once a millisecond, and the word is on its way for less than one.
     assert!(run.longest_ms <= 14, "{what}: {} ms", run.longest_ms);
+    // Emulated time, hands included.
+    let unit_s = run.seconds.iter().sum::<f64>() / UNITS as f64;
+    assert!(unit_s < 60.0, "{what}: {unit_s} s a unit");
     // Half a code.
     assert!(run.command_n <= 2.302, "{what}: {} N", run.command_n);
 }
@@ -140,5 +159,41 @@ fn a_rig_that_is_wired_right_passes() {
         assert!(run.found.is_empty(), "seed {seed}:{}", told(&run));
         check_bounds("wired right", &run);
         assert!(run.figures.motors.iter().all(Option::is_some));
+    }
+}
+
+/// Noise on one cell is neither an answer to pulses that nothing powers nor a reason for stronger ones.
+#[test]
+fn a_noisy_load_cell_answers_no_pulse() {
+    let run = run(60.0, &[Injection::CellNoise(4, 2.7e-6)], 5.0, 7);
+    let others = run
+        .found
+        .iter()
+        .filter(|named| !matches!(named.mistake, Mistake::Noise { unit: 4, .. }));
+    assert_eq!(others.count(), 0, "{}", told(&run));
+    assert!(run.figures.motors.iter().all(Option::is_some));
+    check_bounds("noise", &run);
+}
+
+/// The amplifier of any one unit past the relay, with twice the gain on top: it is named, and pulls no harder than the bound.
+#[test]
+fn an_amplifier_past_the_relay_is_named_at_every_unit() {
+    for unit in 1..=UNITS as u8 {
+        let wrong = [
+            Injection::BypassRelay(unit, true),
+            Injection::AmplifierShare(unit, 2.0),
+        ];
+        let slack_mm = SLACK_MM[usize::from(unit) % 4];
+        let run = run(60.0, &wrong, slack_mm, 10 + u64::from(unit));
+        let what = format!("unit {unit}");
+        let bypassed = Mistake::RelayBypassed { units: vec![unit] };
+        assert!(
+            run.found.iter().any(|named| named.mistake == bypassed),
+            "{what}:{}",
+            told(&run)
+        );
+        // The power can't be cut: `motors` is not run.
+        assert!(run.figures.motors.iter().all(Option::is_none), "{what}");
+        check_bounds(&what, &run);
     }
 }

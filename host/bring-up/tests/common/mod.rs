@@ -1,9 +1,9 @@
-//! Single mistakes of wiring on the rig without an emulated controller, for the tests and for the example `mistakes`.
+//! Mistakes of wiring, single and in pairs, on the rig without an emulated controller, for the tests and for the example `mistakes`.
 
 use bring_up::figures::Figures;
 use bring_up::hands::{emulated, Action, Answer, Hands};
-use bring_up::judge::judge;
 use bring_up::mistake::{Mistake, Named};
+use bring_up::record::{Identity, Record};
 use bring_up::steps::{Bench, Plan, Test};
 use bring_up::BringUpError;
 use core_sim::Options;
@@ -86,6 +86,8 @@ pub struct Run {
     /// Strongest command, N, and longest pulse, ms.
     pub command_n: f64,
     pub longest_ms: u32,
+    /// Time of the rig that each test took, emulated hands included, s; 0: it was not run.
+    pub seconds: [f64; Test::ALL.len()],
 }
 
 pub fn run(pull_mm: f64, injections: &[Injection], slack_mm: f64, seed: u64) -> Run {
@@ -114,25 +116,33 @@ pub fn run(pull_mm: f64, injections: &[Injection], slack_mm: f64, seed: u64) -> 
         weight_n: Some(WEIGHT_N),
         stop: &stop,
     };
-    let mut figures = Figures::default();
-    let mut most_n = 0.0;
-    for test in Test::ALL {
+    let mut record = Record::new(&rig, Identity::default());
+    let mut most_n = 0.0_f64;
+    let mut seconds = [0.0; Test::ALL.len()];
+    for (test, seconds) in Test::ALL.into_iter().zip(&mut seconds) {
+        // As the command does.
+        if test.drives() && record.may_drive(test).is_err() {
+            continue;
+        }
         link.most_n = 0.0;
         let mut session = Session::connect(&mut link).unwrap();
         let mut hands = Emulated;
         let mut bench = Bench::new(&mut session, &rig, &plan, &mut hands).unwrap();
-        bench.run(test, &mut figures).unwrap();
-        if test == Test::Motors {
-            most_n = link.most_n;
+        let began_ns = bench.now_ns();
+        bench.run(test, &mut record.figures).unwrap();
+        *seconds = (bench.now_ns() - began_ns) as f64 * 1e-9;
+        record.took(&rig, test, &plan.units, "2026-11-26");
+        if test.drives() {
+            most_n = most_n.max(link.most_n);
         }
     }
-    let found = judge(&rig, &figures);
     Run {
-        found,
-        figures,
+        found: record.mistakes,
+        figures: record.figures,
         most_n,
         command_n: link.command_n,
         longest_ms: link.longest_ms,
+        seconds,
     }
 }
 
@@ -243,7 +253,178 @@ pub fn cases() -> Vec<Case> {
             [I::EStop(true)],
             M::EStopOpen | M::BoardFault { fault: 1 }
         ),
+        case!(
+            "E-stop's contact at the board bridged",
+            [I::BridgeEStop(true)],
+            M::EStopNotRead
+        ),
+        case!(
+            "E-stop's input inverted",
+            [I::InvertEStop(true)],
+            M::EStopInverted
+        ),
+        case!(
+            "E-stop's contact at the PLC bridged",
+            [I::BridgeEStopAtPlc(true)],
+            M::EStopNotAtPlc
+        ),
+        case!(
+            "PLC's relay bridged",
+            [I::BridgeRelay(true)],
+            M::RelayBridged
+        ),
+        case!(
+            "PLC's output inverted",
+            [I::InvertRelay(true)],
+            M::RelayInverted
+        ),
+        case!("alive line open", [I::OpenAlive(true)], M::NoPower),
+        case!("amplifier 3 fed past the relay", [I::BypassRelay(3, true)], M::RelayBypassed { units } if *units == [3]),
+        case!(
+            "LDAC of unit 2 open",
+            [I::OpenLdac(2, true)],
+            M::MotorDead { unit: 2 }
+        ),
+        case!(
+            "LDAC of all units open",
+            [
+                I::OpenLdac(1, true),
+                I::OpenLdac(2, true),
+                I::OpenLdac(3, true),
+                I::OpenLdac(4, true),
+                I::OpenLdac(5, true),
+                I::OpenLdac(6, true)
+            ],
+            M::AllMotorsDead | M::NoCommand
+        ),
+        case!("selects of units 2 and 3 tied", [I::TieSelects(2, 3)], M::SelectsTied { units, .. } if *units == [2, 3]),
+        case!("selects of units 1 and 6 tied", [I::TieSelects(1, 6)], M::SelectsTied { units, .. } if *units == [1, 6]),
+        case!(
+            "output of DAC 6 stuck at 0 V",
+            [I::StuckDac(6, true)],
+            M::MotorDead { unit: 6 }
+        ),
+        case!("converters 2 and 5 exchanged at the multiplexer", [I::ExchangeChannels(2, 5)], M::ChannelsExchanged { units } if *units == [2, 5]),
+        case!("load cell 3 of 5 kg in place of 3", [I::CellShare(3, 0.6)], M::CellScale { unit: 3, ratio } if *ratio < 0.7),
+        case!("load cell 6 of 2 kg in place of 3", [I::CellShare(6, 1.5)], M::CellScale { unit: 6, ratio } if *ratio > 1.4),
+        // 40 mN.
+        case!(
+            "noise at load cell 4",
+            [I::CellNoise(4, 2.7e-6)],
+            M::Noise { unit: 4, .. }
+        ),
+        case!(
+            "DRDY wire 5 open",
+            [I::CutDrdy(5, true)],
+            M::DrdyDead { unit: 5 }
+        ),
+        case!(
+            "code of converter 1 frozen",
+            [I::FrozenCode(1, true)],
+            M::ConverterSilent { unit: 1, .. }
+        ),
+        case!(
+            "calibration of converter 3 fails",
+            [I::CalibrationError(3, true)],
+            M::ConverterSilent { unit: 3, .. }
+        ),
+        case!(
+            "converter 4 of another kind",
+            [I::WrongRevision(4, true)],
+            M::ConverterSilent { unit: 4, .. }
+        ),
+        case!(
+            "multiplexer mute",
+            [I::MuteMux(true)],
+            M::BoardFault { fault: 7 }
+        ),
+        case!(
+            "SDA shorted",
+            [I::HoldSda(true)],
+            M::BoardFault { fault: 6 }
+        ),
+        case!(
+            "no clock from the ST-Link",
+            [I::LoseClock(true)],
+            M::NoClock
+        ),
+        case!(
+            "brown-out level 0",
+            [I::BrownOutLevel(0)],
+            M::BrownOutLevel { level: 0 }
+        ),
+        case!(
+            "counter 2 dead",
+            [I::FreezeEncoder(3, true), I::FreezeEncoder(4, true)],
+            M::CounterDead { chip: 2 }
+        ),
+        case!("reel 4 a tenth too large", [I::EncoderLines(4, 900)], M::EncoderScale { unit: 4, ratio } if *ratio < 0.95),
     ]
+}
+
+/// Two mistakes at once; one of the two names is enough.
+pub fn pairs() -> Vec<Case> {
+    use Injection as I;
+    use Mistake as M;
+    vec![
+        case!(
+            "motors 2 and 5 exchanged, encoder 3 dead",
+            [I::ExchangeMotors(2, 5), I::FreezeEncoder(3, true)],
+            M::MotorsExchanged { .. } | M::EncoderDead { unit: 3 }
+        ),
+        case!(
+            "encoder and motor 4 reversed",
+            [I::ReverseEncoder(4, true), I::AmplifierShare(4, -1.0)],
+            M::EncoderSign { unit: 4 } | M::MotorSign { unit: 4 }
+        ),
+        case!(
+            "load cells and encoders 1 and 2 exchanged",
+            [I::ExchangeCells(1, 2), I::ExchangeEncoders(1, 2)],
+            M::CellsExchanged { .. } | M::EncodersExchanged { .. }
+        ),
+        case!(
+            "relay bridged, amplifier 5 with twice the gain",
+            [I::BridgeRelay(true), I::AmplifierShare(5, 2.0)],
+            M::RelayBridged | M::AmplifierGain { unit: 5, .. }
+        ),
+        case!(
+            "alive line open, E-stop not read",
+            [I::OpenAlive(true), I::BridgeEStop(true)],
+            M::NoPower | M::EStopNotRead
+        ),
+        case!(
+            "converter 2 unplugged, motors 1 and 4 exchanged",
+            [I::UnplugSensor(2), I::ExchangeMotors(1, 4)],
+            M::ConverterSilent { unit: 2, .. } | M::MotorsExchanged { .. }
+        ),
+        case!(
+            "amplifier 1 with twice the gain, its encoder dead",
+            [I::AmplifierShare(1, 2.0), I::FreezeEncoder(1, true)],
+            M::AmplifierGain { unit: 1, .. } | M::EncoderDead { unit: 1 }
+        ),
+        case!(
+            "selects of units 2 and 3 tied, load cell 4 reversed",
+            [I::TieSelects(2, 3), I::WrongSign(4, true)],
+            M::SelectsTied { .. } | M::CellSign { unit: 4 }
+        ),
+        case!(
+            "DRDY lines 3 and 4 exchanged, bridge 6 open",
+            [I::ExchangeDrdy(3, 4), I::OpenBridge(6, true)],
+            M::DrdyExchanged { .. } | M::CellDead { unit: 6 }
+        ),
+        case!(
+            "bridge 5 open, encoder 5 dead",
+            [I::OpenBridge(5, true), I::FreezeEncoder(5, true)],
+            M::CellDead { unit: 5 } | M::EncoderDead { unit: 5 }
+        ),
+    ]
+}
+
+/// One of the right names is among those that were found.
+pub fn one_is_named(case: &Case, run: &Run) -> bool {
+    run.found
+        .iter()
+        .any(|named| (case.is_right)(&named.mistake))
 }
 
 /// The right name is the first one, and nothing else is called certain beside it.
