@@ -4,6 +4,7 @@ mod common;
 
 use common::{expect, folder, run};
 use serde_json::Value;
+use std::path::{Path, PathBuf};
 
 const RIG: &str = "--link fast --weight 500";
 
@@ -75,6 +76,36 @@ fn no_motor_moves_without_an_emergency_stop_that_was_seen_to_work() {
 }
 
 #[test]
+fn no_motor_is_tested_whose_power_the_plc_does_not_cut() {
+    let folder = folder();
+    let said = expect(
+        folder.path(),
+        &format!("bring-up {RIG} --inject bridge-relay@start"),
+        6,
+        &[
+            "1. the amplifiers have power without the alive line: the PLC's relay is bridged",
+            "power       1 named",
+            "motors      not done",
+        ],
+    );
+    assert!(
+        said.err.contains("do they show power?")
+            && said.err.contains("bridged: no motor is driven"),
+        "{said:?}"
+    );
+    let said = expect(
+        folder.path(),
+        &format!("bring-up {RIG}"),
+        0,
+        &["power       passed"],
+    );
+    assert!(
+        said.err.contains("test `motors`") && !said.err.contains("test `weights`"),
+        "{said:?}"
+    );
+}
+
+#[test]
 fn a_rig_of_which_a_part_was_exchanged_is_not_driven() {
     let folder = folder();
     let serials =
@@ -89,9 +120,24 @@ fn a_rig_of_which_a_part_was_exchanged_is_not_driven() {
         hold,
         "set-force 0 1 0 --link fast --duration 1 --still",
         "identify --link fast --out found",
+        "calibrate zero --link fast --yes",
+        "calibrate gain --link fast --yes",
+        "calibrate geometry --link fast --yes",
+        "calibrate self --link fast",
+        "calibrate verify --link fast",
+        "calibrate check --link fast --yes",
+        "calibrate push --link fast",
     ] {
         expect(folder.path(), command, 2, &[what, "nothing was driven"]);
     }
+    // It drives nothing, and samples of a rig that is looked into are wanted.
+    let said = expect(
+        folder.path(),
+        "record --link fast --duration 0.2 recorded",
+        0,
+        &[],
+    );
+    assert!(said.err.contains(what), "{said:?}");
     // Tested again, it is driven again.
     let said = expect(folder.path(), &format!("bring-up {RIG}"), 0, &[]);
     assert!(
@@ -99,4 +145,46 @@ fn a_rig_of_which_a_part_was_exchanged_is_not_driven() {
         "{said:?}"
     );
     expect(folder.path(), hold, 0, &[]);
+}
+
+/// An experiment on a board: its rig has no seed, and its record is that of the rig's name.
+#[test]
+fn an_experiment_with_a_rig_of_which_a_part_was_exchanged_does_not_begin() {
+    let folder = folder();
+    let text = expect(folder.path(), "check --print", 0, &[]).out;
+    std::fs::write(folder.path().join("my.toml"), text).unwrap();
+    let at = "--rig my.toml --link serial:no-such-port --direct";
+    let serials = |motor: &str| {
+        let line = format!("calibrate serials {at} --unit 2 --motor {motor} --replace");
+        expect(folder.path(), &line, 0, &[]);
+    };
+    serials("M-1");
+    // What a bring-up leaves behind, of this rig.
+    let store = walk(&folder.path().join("state"))
+        .into_iter()
+        .find(|path| path.ends_with("current.json") || path.extension().is_some())
+        .and_then(|path| path.parent().map(Path::to_path_buf))
+        .expect("a store");
+    let mut serial_numbers = vec![[""; 4]; 6];
+    serial_numbers[1][1] = "M-1";
+    let record = serde_json::json!({"schema": 1, "rig": "raven-left-example", "tests": {}, "figures": {}, "mistakes": [],
+        "identity": {"board": "", "rig_hash": "", "serials": serial_numbers}});
+    std::fs::write(store.join("bring-up.json"), record.to_string()).unwrap();
+    let experiment = "experiment run --quick --link serial:no-such-port --out day";
+    let what = "the motor of unit 2 was M-1 and is M-2";
+    let said = run(folder.path(), experiment);
+    assert!(!said.err.contains("since the bring-up"), "{said:?}");
+    serials("M-2");
+    expect(folder.path(), experiment, 2, &[what, "nothing was driven"]);
+}
+
+/// Files of a folder and of those in it.
+fn walk(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries
+        .flat_map(|entry| match entry.path() {
+            path if path.is_dir() => walk(&path),
+            path => vec![path],
+        })
+        .collect()
 }

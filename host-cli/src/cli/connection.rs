@@ -4,8 +4,8 @@
 //! serve`; the latter is started on demand), directly, or as an embedded rig that lives as long as the command.
 
 use super::exit::{self, Failure, Result};
-use super::values;
 use super::Context;
+use super::{tested, values};
 use clap::Args;
 use control::SystemState;
 use known::base;
@@ -204,33 +204,9 @@ impl Existing {
         link::port::device_id(self.choice(rig))
     }
 
-    /// Refuses to drive a rig of which a part was exchanged since its bring-up; warns where its rig file has changed. A rig without a
-    /// bring-up is driven as ever. `seed`: that of an emulated rig.
+    /// `tested::require` with this connection's board. `seed`: that of an emulated rig.
     pub fn require_unchanged(&self, rig: &Rig, seed: Option<u64>, context: &Context) -> Result<()> {
-        let store = known::store::Store::of_rig(&rig.name, seed)?;
-        let Some(record) = bring_up::record::read(&store)? else {
-            return Ok(());
-        };
-        let now = bring_up::record::Identity::of(rig, &store, self.device_id(rig))?;
-        let changes = record.identity.changed(&now);
-        let words = |is_part| {
-            let of = changes.iter().filter(|change| change.is_part == is_part);
-            of.map(|change| change.words.as_str())
-                .collect::<Vec<_>>()
-                .join("; ")
-        };
-        let (parts, settings) = (words(true), words(false));
-        if !parts.is_empty() {
-            return Err(Failure::usage(format!(
-                "since the bring-up of this rig {parts}: its wiring is not what was tested; run `forcectl bring-up` again; nothing was driven"
-            )));
-        }
-        if !settings.is_empty() {
-            context.output.note(&format!(
-                "since the bring-up of this rig {settings}; `forcectl bring-up` tests it again"
-            ));
-        }
-        Ok(())
+        tested::require(rig, seed, self.device_id(rig), context)
     }
 
     /// The link: that of `--link`, else that of the rig file.
@@ -463,6 +439,11 @@ impl Connection {
     /// As [`Existing::require_unchanged`], with the rig file as it was loaded. Call it after [`Connection::load`].
     pub fn require_unchanged(&self, rig: &Rig, context: &Context) -> Result<()> {
         self.at.require_unchanged(rig, self.seed(rig), context)
+    }
+
+    /// The same as a warning.
+    pub fn warn_of_changes(&self, rig: &Rig, context: &Context) -> Result<()> {
+        tested::warn(rig, self.seed(rig), self.device_id(rig), context)
     }
 
     /// As [`Existing::require_rig_file`].

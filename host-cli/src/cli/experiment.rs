@@ -2,7 +2,7 @@
 
 use super::exit::{self, Failure, Reply, Result};
 use super::output::{path_json, Output};
-use super::{values, Context};
+use super::{tested, values, Context};
 use clap::{Args, Subcommand};
 use experiment::{
     self, paths, plan, report, Attempt, Experiment, ExperimentError, Folder, Options, Shard,
@@ -146,6 +146,7 @@ impl Run {
         let rig = if emulated {
             rig
         } else {
+            tested::require(&rig, None, session::link::port::device_id(&link), context)?;
             base::with_calibration(rig, None)?
         };
         if let Some(words) = base::words(&rig) {

@@ -58,6 +58,7 @@ mod serve;
 mod set_force;
 mod status;
 mod stop;
+mod tested;
 mod usage;
 mod values;
 mod watch;

@@ -30,6 +30,7 @@ impl Record {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         self.connection
             .with_session(Role::Observer, context, |session, rig| {
+                self.connection.warn_of_changes(rig, context)?;
                 configure_embedded(session, rig)?;
                 let emulated = session.link().controls().is_some();
                 let metadata = Metadata::new(rig, emulated)

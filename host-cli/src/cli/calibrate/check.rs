@@ -54,7 +54,7 @@ impl Check {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         self.standards.check()?;
-        let bench = Bench::load(&self.connection, context)?;
+        let bench = Bench::tested(&self.connection, context)?;
         let units = self.units(&bench)?;
         let options = self.standards.options();
         if let Some(note) = self.standards.note() {

@@ -90,7 +90,7 @@ impl Gain {
                 return Err(Failure::usage(iso376::Missing::Loads { found }));
             }
         }
-        let mut bench = Bench::load(connection, context)?;
+        let mut bench = Bench::tested(connection, context)?;
         let enabled = bench.rig.units.iter().filter(|unit| unit.enabled);
         let units: Vec<u8> = if self.unit.is_empty() {
             enabled.map(|unit| unit.number).collect()

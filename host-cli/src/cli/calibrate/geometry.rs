@@ -66,7 +66,7 @@ impl Geometry {
             ));
         }
         let connection = &self.by_hand.connection;
-        let mut bench = Bench::load(connection, context)?;
+        let mut bench = Bench::tested(connection, context)?;
         let seed = connection.seed(&bench.rig);
         if self.points.is_none() {
             let file = ("--points", "touches the points of a real rig");

@@ -169,6 +169,14 @@ impl Bench {
         Ok(Self { rig, store, record })
     }
 
+    /// The same for a step that drives the rig or stores what it measures of it: refuses one of which a part was exchanged since its
+    /// bring-up.
+    fn tested(connection: &Connection, context: &Context) -> Result<Self> {
+        let bench = Self::load(connection, context)?;
+        connection.require_unchanged(&bench.rig, context)?;
+        Ok(bench)
+    }
+
     /// The rig with what the record has measured.
     fn calibrated(&self) -> Rig {
         base::overlay(&self.rig, &self.record)

@@ -51,7 +51,7 @@ impl Moving {
         if !(self.aim.is_finite() && (0.01..=100.0).contains(&self.aim)) {
             return Err(Failure::usage("--aim has to be 0.01 to 100 mm"));
         }
-        let mut bench = Bench::load(&self.connection, context)?;
+        let mut bench = Bench::tested(&self.connection, context)?;
         let rig = bench.calibrated();
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
@@ -360,7 +360,7 @@ impl Verify {
                 ),
             ));
         }
-        let bench = Bench::load(&self.connection, context)?;
+        let bench = Bench::tested(&self.connection, context)?;
         let stored = bench.store.current()?.is_some();
         let mut rig = bench.calibrated();
         rig.pose_sd_m = self.pose_sd.map_or(rig.pose_sd_m, |mm| 1e-3 * mm);

@@ -181,7 +181,7 @@ pub struct Push {
 impl Push {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        let bench = Bench::load(&self.connection, context)?;
+        let bench = Bench::tested(&self.connection, context)?;
         let Some(record) = bench.store.current()? else {
             return Err(Failure::usage(
                 "this rig has no calibration yet; `forcectl calibrate gain` begins one",

@@ -50,7 +50,7 @@ impl Zero {
         if !(0.0..=10.0).contains(&self.motor_kg) {
             return Err(Failure::usage("--motor-kg has to be 0 to 10 kg"));
         }
-        let mut bench = Bench::load(&self.connection, context)?;
+        let mut bench = Bench::tested(&self.connection, context)?;
         let rig = bench.calibrated();
         let enabled = |number: u8| {
             let mut units = rig.units.iter();
