@@ -188,3 +188,38 @@ fn walk(folder: &Path) -> Vec<PathBuf> {
         })
         .collect()
 }
+
+/// The load cells agree with a wrong geometry; the cables' lengths do not, and `verify` says what is wrong.
+#[test]
+fn a_wrong_geometry_is_named_by_verify() {
+    let folder = folder();
+    let text = expect(folder.path(), "check --print", 0, &[]).out;
+    let of_unit = |number: usize| -> (String, String) {
+        let from = text.find(&format!("number = {number}")).expect("the unit");
+        let line = |key: &str| {
+            let lines = text[from..].lines();
+            let line = lines.into_iter().find(|line| line.starts_with(key));
+            line.expect("its key").to_owned()
+        };
+        (line("exit_m"), line("axis"))
+    };
+    let ((exit_a, axis_a), (exit_b, axis_b)) = (of_unit(1), of_unit(2));
+    let exchanged = (text.replace(&exit_a, "EXIT").replace(&axis_a, "AXIS"))
+        .replace(&exit_b, &exit_a)
+        .replace(&axis_b, &axis_a)
+        .replace("EXIT", &exit_b)
+        .replace("AXIS", &axis_b);
+    std::fs::write(folder.path().join("wrong.toml"), exchanged).unwrap();
+    let verify = "calibrate verify --link fast --duration 4";
+    expect(
+        folder.path(),
+        &format!("{verify} --rig wrong.toml"),
+        6,
+        &[
+            "DISAGREES",
+            "what fits: exits 1 and 2 exchanged in the rig file",
+        ],
+    );
+    let said = run(folder.path(), verify);
+    assert!(!said.out.contains("what fits"), "{said:?}");
+}

@@ -8,6 +8,7 @@
 //! | gains from weights; when a weight was hung | [`weights`], [`load_time`] |
 //! | exit points and axes from a digitizer | [`points`] |
 //! | the same from a moving tip | [`moving`] |
+//! | exchanged exit points, a mirrored or turned frame | [`frame`] |
 //! | who stands in for weights and digitizer on an emulated rig | [`standin`] |
 //! | which forces are feasible where | [`workspace`] |
 //! | a calibration as a page to sign | [`certificate`] |
@@ -15,6 +16,7 @@
 
 pub mod cells;
 pub mod certificate;
+pub mod frame;
 pub mod load_time;
 pub mod moving;
 pub mod picture;

@@ -314,8 +314,13 @@ pub fn judge_length(
     Some(LengthVerdict {
         unit,
         rms_m,
-        limit_m: (moved_m >= LEAST_MOTION_M).then_some(LENGTH_FLOOR_M + LENGTH_SDS * pose_sd_m),
+        limit_m: (moved_m >= LEAST_MOTION_M).then_some(length_limit_m(pose_sd_m)),
     })
+}
+
+/// What the length of a cable may be off, m; `pose_sd_m` is the standard deviation of a coordinate of the tip.
+pub(crate) fn length_limit_m(pose_sd_m: f64) -> f64 {
+    LENGTH_FLOOR_M + LENGTH_SDS * pose_sd_m
 }
 
 #[cfg(test)]

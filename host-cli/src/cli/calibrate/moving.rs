@@ -6,6 +6,7 @@ use super::super::values;
 use super::super::watch::Watch;
 use super::super::Context;
 use super::{picture, Bench};
+use calibrate::frame::{self, Explanation};
 use calibrate::moving::{self, Collector, LengthVerdict, Run};
 use calibrate::picture::{bars, Bar};
 use calibration::self_calibration::{MovedVerdict, Prior, Sample};
@@ -317,7 +318,7 @@ fn cycles_lines(text: &mut String, cycles: &[Cycles]) {
 }
 
 /// Cable lengths by the encoders against the geometry: a real rig has no other truth.
-fn length_lines(text: &mut String, lengths: &[LengthVerdict]) {
+fn length_lines(text: &mut String, lengths: &[LengthVerdict], frames: &[Explanation]) {
     if lengths.is_empty() {
         return;
     }
@@ -340,6 +341,15 @@ fn length_lines(text: &mut String, lengths: &[LengthVerdict]) {
                 1e3 * l.limit_m.unwrap_or_default()
             );
         }
+    }
+    for (n, found) in frames.iter().enumerate() {
+        row!(
+            text,
+            "  {}: {} in the rig file makes all lengths agree, to {:.1} mm",
+            if n == 0 { "what fits" } else { "or" },
+            found.words,
+            1e3 * found.rms_m
+        );
     }
     if lengths.iter().all(|l| l.limit_m.is_none()) {
         row!(
@@ -479,7 +489,13 @@ impl Verify {
                 })
                 .collect()
         });
-        length_lines(&mut text, &lengths);
+        let wrong = lengths.iter().any(LengthVerdict::disagrees);
+        let exits_m = rig.units.each_ref().map(|unit| unit.exit_m);
+        let frames = match samples {
+            Some(samples) if wrong => frame::explain(samples, &exits_m, rig.pose_sd_m),
+            _ => Vec::new(),
+        };
+        length_lines(&mut text, &lengths, &frames);
         if !stored {
             row!(
                 text,
@@ -494,13 +510,13 @@ impl Verify {
         .to_svg();
         let path = picture(&self.out, "calibrate-verify.svg", &svg)?;
         context.output.note(&format!("picture: {}", path.display()));
-        let wrong = lengths.iter().any(LengthVerdict::disagrees);
         let lengths: Vec<_> = (lengths.iter())
             .map(|l| json!({"unit": l.unit, "rms_mm": 1e3 * l.rms_m, "limit_mm": l.limit_m.map(|m| 1e3 * m)}))
             .collect();
         let reply = Reply::new(
             text,
-            json!({"forces": rows, "outside": outside, "lengths": lengths, "lengths_agree": !wrong}),
+            json!({"forces": rows, "outside": outside, "lengths": lengths, "lengths_agree": !wrong,
+                "frames": frames.iter().map(|f| json!({"words": f.words, "rms_mm": 1e3 * f.rms_m})).collect::<Vec<_>>()}),
         );
         // One of six may lie outside of 95 % by chance in a quarter of the runs; two hardly.
         Ok(if outside > 1 || wrong {
