@@ -30,7 +30,7 @@ fn a_word_reaches_its_own_dac_unless_a_wire_is_wrong() {
         let next = (unit + 1) % UNITS;
         assert_eq!(moved_by(&mut rig_with(&[]), unit), [unit]);
         let mut deaf = rig_with(&[Injection::OpenLdac(number, true)]);
-        assert_eq!(moved_by(&mut deaf, unit), []);
+        assert!(moved_by(&mut deaf, unit).is_empty());
         let tied = Injection::TieSelects(number, next as u8 + 1);
         let mut both = [unit, next];
         both.sort_unstable();
