@@ -144,6 +144,7 @@ pub fn analyse_checked(
         weights,
         parameters,
         improving,
+        equal,
     } = attribute(&mut search, outcome, check.as_ref())?;
     if let Some(doubt) = feedback::doubt(&search, &outcome.chosen, &weights, left.explained)? {
         left.doubt(doubt);
@@ -155,6 +156,7 @@ pub fn analyse_checked(
         weights: &weights,
         parameters: &parameters,
         improving: improving.as_ref(),
+        equal,
         check: check.as_ref(),
     };
     let mut report = assembly::report(found, &data)?;

@@ -4,7 +4,7 @@ use crate::pictures;
 use rayon::prelude::*;
 use residual_columns::error::Error;
 use residual_effects::{effect as effect_of, Build, EffectKind, CATALOGUE};
-use residual_evidence::attribution::Improving;
+use residual_evidence::attribution::{EqualPath, Improving};
 use residual_evidence::check::Checked;
 use residual_evidence::few::few_rows;
 use residual_evidence::intervals::Parameters;
@@ -35,6 +35,8 @@ pub(crate) struct Found<'a> {
     pub parameters: &'a [Parameters],
     /// What else improves the fit.
     pub improving: Option<&'a Improving>,
+    /// Other names that predict as well.
+    pub equal: Vec<EqualPath>,
     /// Data to check the models on.
     pub check: Option<&'a Checked>,
 }
@@ -91,6 +93,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         nested_rmse: None,
         verdict,
         not_identifiable: ambiguous,
+        equal_paths: found.equal,
         plot_unknown: match (&found.left.largest, found.left.when) {
             (Some(nameless), _) => {
                 let against = nameless.against().unwrap_or(&search.load);

@@ -4,6 +4,7 @@
 //! It returns the truth separately. The crate `residual` gets the logs and the declared model, nothing else.
 //! This crate compares verdict, first effect, parameters and remaining error with the truth.
 //!
+//! * [`arm`]: joints of an arm, with a table of their own;
 //! * [`case`]: which sets are made;
 //! * [`evaluate`]: one set through the analysis, and its outcome;
 //! * [`judge`]: what counts as right: names that mean the same physics, and parameters;
@@ -11,6 +12,7 @@
 //! * [`real`]: public measured data sets, with a binary of their own;
 //! * [`table`]: confusion table, rates beside their targets, closing summary.
 
+pub mod arm;
 pub mod case;
 pub mod evaluate;
 pub mod judge;

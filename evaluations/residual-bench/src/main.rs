@@ -3,6 +3,7 @@
 use evaluation::clap::{self, Parser};
 use evaluation::{command_line, seeds, write, Progress};
 use rayon::prelude::*;
+use residual_bench::arm;
 use residual_bench::case::{kind_named, Group, Plan};
 use residual_bench::evaluate::{self, evaluate, Outcome};
 use residual_bench::judge::Class;
@@ -33,6 +34,9 @@ struct Options {
     /// Only sets of this strength (3, 1 or 0.3).
     #[arg(long, value_name = "X")]
     strength: Option<f64>,
+    /// Joints of an arm in place of the rig's sets.
+    #[arg(long, conflicts_with_all = ["kind", "group", "strength", "quick", "csv", "json", "markdown"])]
+    arm: bool,
     /// A small selection.
     #[arg(long)]
     quick: bool,
@@ -61,6 +65,10 @@ fn main() -> ExitCode {
 }
 
 fn run(options: &Options) -> Result<ExitCode, String> {
+    if options.arm {
+        print!("{}", arm::table(options.seeds.clone(), options.list)?);
+        return Ok(ExitCode::SUCCESS);
+    }
     let plan = Plan {
         seeds: options.seeds.clone(),
         kind: options.kind,

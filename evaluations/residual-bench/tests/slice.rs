@@ -1,8 +1,10 @@
 //! A small part of the benchmark, on development seeds.
 
+use residual_bench::arm;
 use residual_bench::case::{Case, Group, Plan};
 use residual_bench::evaluate::{evaluate, Outcome};
 use residual_bench::judge::Class;
+use synthetic_sets::arm::{Motion, Recipe};
 use synthetic_sets::Kind;
 
 /// The set of this group, effect and strength with seed 10000.
@@ -68,4 +70,20 @@ fn an_effect_in_no_catalogue_is_unknown() {
 fn friction_is_named_in_a_closed_loop() {
     let o = outcome(Group::Closed, &[Kind::Coulomb], 1.0);
     assert_eq!(o.class, Class::Right, "{:?} {:?}", o.verdict, o.named);
+}
+
+/// Over a short arc, with both joints together, a line over the pose took the place of the weight.
+#[test]
+fn a_joint_that_swings_over_a_short_arc_has_friction_and_a_weight() {
+    let outcome = arm::evaluate(&Recipe {
+        motion: Motion::Together,
+        outer: true,
+        scale_nm: 3.0,
+        noise: 0.15,
+        arc: 0.4,
+        seed: 71_902,
+    });
+    let outcome = outcome.expect("the analysis runs");
+    assert!(outcome.whole && outcome.wrong().is_empty(), "{outcome:?}");
+    assert!(outcome.over_noise < 1.1, "{outcome:?}");
 }

@@ -9,7 +9,7 @@ use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
 /// What kind of effect is hidden in a set. The first block has names that a catalogue of physical effects
-/// would know; the next four are in no catalogue. The last two are a part of one that is.
+/// would know; the next four are in no catalogue. The last four are a part of one that is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[allow(missing_docs)] // the table in `physics` says what each one does
 pub enum Kind {
@@ -38,6 +38,8 @@ pub enum Kind {
     Telegraph,
     PartialDelay,
     SoftKink,
+    KinkByLog,
+    ReversedStribeck,
 }
 
 impl Kind {
@@ -73,8 +75,14 @@ impl Kind {
     ];
 
     /// Effects as real drives have them, of which a catalogue has the pure form: a delay that a part of the
-    /// load has, and a change of slope that is no corner.
-    pub const IMPURE: [Self; 2] = [Self::PartialDelay, Self::SoftKink];
+    /// load has, a change of slope that is no corner, one with a corner of its own in each log, and a friction
+    /// that is smaller at low speed instead of larger.
+    pub const IMPURE: [Self; 4] = [
+        Self::PartialDelay,
+        Self::SoftKink,
+        Self::KinkByLog,
+        Self::ReversedStribeck,
+    ];
 
     /// Name in snake case, as a catalogue would spell it.
     #[must_use]
@@ -105,6 +113,8 @@ impl Kind {
             Self::Telegraph => "telegraph",
             Self::PartialDelay => "partial_delay",
             Self::SoftKink => "soft_kink",
+            Self::KinkByLog => "kink_by_log",
+            Self::ReversedStribeck => "reversed_stribeck",
         }
     }
 
@@ -170,6 +180,9 @@ impl Effect {
             Kind::PartialDelay => [rng.random_range(0.13..0.22), 0.0],
             // Where the slope changes, and over which range of the load.
             Kind::SoftKink => [rng.random_range(4.0..5.5), rng.random_range(0.3..1.0)],
+            // The middle of the loads where the slope changes, and how far off it a log's may be.
+            Kind::KinkByLog => [rng.random_range(4.0..5.0), rng.random_range(0.7..1.3)],
+            Kind::ReversedStribeck => [rng.random_range(0.004..0.010), 0.0],
             _ => [0.0, 0.0],
         };
         Self {
@@ -211,8 +224,18 @@ impl Effect {
             | Kind::NeighbourThreshold
             | Kind::Telegraph
             | Kind::PartialDelay
-            | Kind::SoftKink => vec![("size", self.size)],
+            | Kind::SoftKink
+            | Kind::KinkByLog
+            | Kind::ReversedStribeck => vec![("size", self.size)],
         }
+    }
+
+    /// A number from 0 to 1 that each log has for itself, chosen by its setpoint at the start.
+    fn number_of_log(&self, drive: &Drive) -> f64 {
+        let mixed = (self.seed ^ drive.setpoint_n[0].to_bits())
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (mixed >> 40) as f64 / (1u64 << 24) as f64
     }
 
     /// Force that the effect adds at step `k`, given the commands so far (`commands[k]` the newest).
@@ -240,6 +263,10 @@ impl Effect {
             Kind::Delay => earlier(commands, k as f64 - self.size / STEP_S) - load,
             Kind::PartialDelay => a * (earlier(commands, k as f64 - self.size / STEP_S) - load),
             Kind::SoftKink => self.size * b * ((load - a) / b).exp().ln_1p(),
+            Kind::KinkByLog => {
+                self.size * (load - a - b * (2.0 * self.number_of_log(drive) - 1.0)).max(0.0)
+            }
+            Kind::ReversedStribeck => self.size * sign * (-(speed / a).powi(2)).exp(),
             Kind::ClockSkew => earlier(commands, k as f64 * (1.0 - self.size)) - load,
             Kind::Gain => self.size * load,
             Kind::Offset => self.size,

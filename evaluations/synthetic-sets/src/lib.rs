@@ -9,8 +9,10 @@
 //!
 //! * [`excitation`]: how the reel moves, what is commanded, what the surroundings do;
 //! * [`effect`]: the undeclared effects, each a small piece of physics with named parameters;
+//! * [`arm`]: sets of another machine, a joint of an arm;
 //! * [`set`]: puts a set together and scales the effect to a given size.
 
+pub mod arm;
 pub mod effect;
 pub mod excitation;
 pub mod set;

@@ -235,7 +235,7 @@ struct Sums {
 }
 
 /// A standard normal number.
-fn normal(rng: &mut impl Rng) -> f64 {
+pub(crate) fn normal(rng: &mut impl Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 

@@ -1,7 +1,7 @@
 //! What a board can compensate of a report: friction, gain, offset, ripple, delay.
 
 use crate::{Ambiguity, Report};
-use residual_effects::{effect, Found, Remedy};
+use residual_effects::{effect, EffectKind, Found, Remedy};
 use residual_evidence::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
@@ -78,8 +78,9 @@ impl Compensation {
 
 /// Whether a board compensates all these effects by the same setting, so that it does not matter
 /// which of them it is.
-fn same_setting(ambiguity: &Ambiguity) -> bool {
-    let mut settings = ambiguity.effects.iter().map(|kind| effect(*kind).setting());
+fn same_setting(effects: &[EffectKind], others: &[EffectKind]) -> bool {
+    let all = effects.iter().chain(others);
+    let mut settings = all.map(|kind| effect(*kind).setting());
     match settings.next().flatten() {
         Some(first) => settings.all(|s| s == Some(first)),
         None => false,
@@ -97,7 +98,11 @@ impl Report {
     pub fn compensation(&self) -> Option<Compensation> {
         match self.verdict {
             Verdict::Effect | Verdict::Several => {}
-            Verdict::NotIdentifiable if self.not_identifiable.iter().all(same_setting) => {}
+            Verdict::NotIdentifiable
+                if self
+                    .not_identifiable
+                    .iter()
+                    .all(|a| same_setting(&a.effects, &[])) => {}
             _ => return None,
         }
         let mut out = Compensation::default();
@@ -110,7 +115,13 @@ impl Report {
             // One of several effects may be doubtful where the first is clear.
             let own = |a: &&Ambiguity| a.effects.first() == Some(&e.name);
             let doubtful = self.not_identifiable.iter().filter(own);
-            let parts = match doubtful.into_iter().all(same_setting) {
+            let either = self.equal_paths.iter();
+            let other = either
+                .filter(|p| p.effects.contains(&e.name) && !same_setting(&p.effects, &p.instead));
+            let certain = doubtful
+                .map(|a| &a.effects[..])
+                .all(|all| same_setting(all, &[]));
+            let parts = match certain && other.count() == 0 {
                 true => parts,
                 false => vec![],
             };

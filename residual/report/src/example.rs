@@ -2,6 +2,7 @@
 
 use super::*;
 use residual_effects::{EffectKind, Form};
+use residual_evidence::attribution::EqualPath;
 use residual_evidence::check::Check;
 use residual_fit::diagnostics::ResidualTest;
 use residual_log::finding::Finding;
@@ -97,6 +98,11 @@ pub(super) fn report() -> Report {
             vec![EffectKind::Coulomb, EffectKind::Viscous],
             "other speeds",
         )],
+        equal_paths: vec![EqualPath {
+            effects: vec![EffectKind::Coulomb],
+            instead: vec![EffectKind::Hysteresis, EffectKind::Gain],
+            heldout_rmse: 0.1,
+        }],
         structure: vec![Structure::new("a curve in velocity", 0.021, 3e-5)],
         seen_not_material: vec![NotMaterial {
             name: EffectKind::Gain,

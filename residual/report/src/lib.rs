@@ -35,6 +35,7 @@ pub use plot::Plot;
 pub use plot::WITHOUT;
 pub use types::{Ambiguity, Effect, NotMaterial, Report, Tested};
 
+pub use residual_evidence::attribution::EqualPath;
 use residual_evidence::leftover::Structure;
 use residual_evidence::residual_tests::ModelTest;
 use residual_evidence::verdict::Verdict;

@@ -316,7 +316,19 @@ impl Report {
                 )),
             ]
         });
-        parts.flatten().collect()
+        let equal = self.equal_paths.iter().map(|p| {
+            let (own, others) = (joined(&p.effects, " and "), joined(&p.instead, " and "));
+            [
+                Part::Heading(format!("As good: {own} or {others}")),
+                Part::Text(format!(
+                    "Another course of the search found {others} in the place of {own}. Its held-out RMSE is {} {}, within 0.3 % or one \
+                     standard error of that of the course that was taken. A measurement in which the two differ would tell.",
+                    num(p.heldout_rmse),
+                    self.unit
+                )),
+            ]
+        });
+        parts.flatten().chain(equal.flatten()).collect()
     }
 
     /// Structure that no effect explains; nothing if there is none.

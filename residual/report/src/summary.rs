@@ -39,9 +39,10 @@ impl Report {
     /// The verdict in some sentences, with the errors before and after.
     pub fn summary(&self) -> String {
         format!(
-            "{}{}{}{}{}{}{}",
+            "{}{}{}{}{}{}{}{}",
             self.before(),
             self.answer(),
+            self.equals(),
             self.remains(),
             self.beside(),
             self.ended(),
@@ -59,6 +60,7 @@ impl Report {
         let coloured = self.verdict == Verdict::None && !self.coloured().is_empty();
         let doubtful = !self.improves.is_empty()
             || self.limited.is_some()
+            || !self.equal_paths.is_empty()
             || self.left().is_some()
             || worse.is_some()
             || coloured
@@ -71,6 +73,21 @@ impl Report {
     fn left(&self) -> Option<&Structure> {
         let mut all = self.structure.iter();
         all.find(|s| self.verdict != Verdict::Unknown && s.gain >= REMAINS)
+    }
+
+    /// Which names may as well be others.
+    fn equals(&self) -> String {
+        let all = self.equal_paths.iter().map(|p| {
+            format!(
+                " These data do not tell {} or {}: with {} the model predicts as well (held-out RMSE {} {}).",
+                joined(&p.effects, " and "),
+                joined(&p.instead, " and "),
+                joined(&p.instead, " and "),
+                num(p.heldout_rmse),
+                self.unit
+            )
+        });
+        all.collect()
     }
 
     /// What remains beside the effects.
@@ -347,6 +364,7 @@ mod tests {
         let mut report = example::report();
         report.verdict = Verdict::Effect;
         report.not_identifiable.clear();
+        report.equal_paths.clear();
         report.limited = None;
         report.with_all = None;
         report.check = None;
@@ -393,6 +411,25 @@ mod tests {
         // The verdict itself names it.
         report.verdict = Verdict::Unknown;
         assert!(!report.summary().contains("What is left"));
+    }
+
+    #[test]
+    fn names_that_predict_as_well_are_one_group() {
+        let mut report = clear();
+        says(&report, "0.1000 N.", "effect");
+        report.equal_paths = example::report().equal_paths;
+        let own = report.effects[0].name;
+        report.equal_paths[0].effects = vec![own];
+        let clause = format!(
+            "do not tell {own} or hysteresis and gain: with hysteresis and gain the model predicts as well (held-out RMSE 0.1000 N)"
+        );
+        says(&report, &clause, "effect partly");
+        let named = format!("{own} or hysteresis and gain");
+        assert_eq!(report.alternatives(&report.effects[0]), named);
+        // Friction and a gain are two settings of a board, so neither is made.
+        assert!(report.compensation().is_none());
+        report.equal_paths.clear();
+        assert!(report.compensation().is_some());
     }
 
     #[test]

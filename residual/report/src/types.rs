@@ -7,6 +7,7 @@ use super::plot::Plot;
 use super::{DeclaredTerm, Figures, ModelTest, Rival, Structure, Verdict};
 use residual_columns::nan;
 use residual_effects::{EffectKind, Form};
+use residual_evidence::attribution::EqualPath;
 use residual_evidence::check::Check;
 use residual_log::finding::Finding;
 use residual_log::spec::Spec;
@@ -163,6 +164,9 @@ pub struct Report {
     pub check: Option<Check>,
     /// Effects that these data cannot distinguish.
     pub not_identifiable: Vec<Ambiguity>,
+    /// Other sets of effects that another course of the search found, and that predict as well.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub equal_paths: Vec<EqualPath>,
     /// Structure that no effect of the catalogue explains, largest first.
     pub structure: Vec<Structure>,
     /// Effects that are significant but too small to count.

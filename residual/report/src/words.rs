@@ -79,7 +79,10 @@ impl Report {
             .iter()
             .filter(|a| a.effects.first() == Some(&effect.name));
         let others = same.flat_map(|a| a.effects[1..].iter().map(|e| e.to_string()));
-        let names: Vec<String> = std::iter::once(name).chain(others).collect();
+        let equal = self.equal_paths.iter();
+        let equal = equal.filter(|p| p.effects.contains(&effect.name));
+        let equal = equal.map(|p| joined(&p.instead, " and "));
+        let names: Vec<String> = std::iter::once(name).chain(others).chain(equal).collect();
         names.join(" or ")
     }
 }

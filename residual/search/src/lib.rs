@@ -11,7 +11,7 @@
 //! nonlinear parameters, `merge` puts one effect in the place of two, `rivals` lets the whole
 //! catalogue compete for each place, `exchange` tries another form of an effect with one more
 //! effect, `prune` removes what the others make superfluous. `paths` searches again without effects
-//! that take the shape of others.
+//! that take the shape of others, and from the best `subset` of the textbook terms.
 
 pub mod declared;
 mod exchange;
@@ -33,6 +33,7 @@ pub mod scan;
 mod scanned;
 mod screening;
 mod state;
+mod subset;
 
 pub use outcome::Rival;
 pub use outcome::{without, Outcome, Standing, Weight};

@@ -1,5 +1,6 @@
 //! What a search works on: the problem, the declared model on it, and what was scanned so far.
 
+use super::paths::Path;
 use super::scanned::Scanned;
 use super::{without, Outcome, Weight};
 use crate::declared::{self, fit_declared};
@@ -42,8 +43,10 @@ pub struct Search<'a> {
     pub(super) scans: HashMap<String, Scanned>,
     /// The effect that `selection.max_effects` kept out of the last forward search.
     pub(super) limited: Option<EffectKind>,
+    /// Other paths that predict as well as the one that was taken.
+    pub equal_paths: Vec<Path>,
     /// Effects whose names are not supported, and whether they are left out for now only.
-    barred: Vec<(EffectKind, bool)>,
+    pub(super) barred: Vec<(EffectKind, bool)>,
     /// Instruments that were made last, by view.
     last_instruments: Mutex<Option<(String, Arc<Instruments>)>>,
 }
@@ -98,6 +101,7 @@ impl<'a> Search<'a> {
             tests: 1,
             scans: HashMap::new(),
             limited: None,
+            equal_paths: vec![],
             barred: vec![],
             last_instruments: Mutex::default(),
         })

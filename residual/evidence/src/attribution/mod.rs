@@ -15,6 +15,7 @@
 
 mod assessment;
 mod contradiction;
+mod equal;
 mod images;
 mod one_sequence;
 mod over_the_angle;
@@ -25,6 +26,8 @@ use crate::check::Checked;
 use crate::intervals::{parameters, Parameters};
 use crate::leftover::Leftover;
 use assessment::Assessment;
+pub use equal::EqualPath;
+use equal::{equal_paths, kinds};
 use residual_columns::error::Error;
 use residual_effects::EffectKind;
 use residual_search::model::Chosen;
@@ -60,6 +63,8 @@ pub struct Attributed {
     pub parameters: Vec<Parameters>,
     /// What else improves the fit; `None` if everything is found.
     pub improving: Option<Improving>,
+    /// Other names that predict as well.
+    pub equal: Vec<EqualPath>,
 }
 
 /// The effects of the whole search, without the fit to all rows, which takes much memory.
@@ -127,7 +132,37 @@ struct Refused {
 /// may have kept the right one out. An effect that was only too weak beside a wrong one is looked
 /// for again. Where rows are many each of these searches takes long, and several weak ones go at
 /// once.
+///
+/// Where names of the path that was taken are refused, the paths that predict as well are judged
+/// too, and the one with the best model of supported names is reported.
 pub fn attribute(
+    search: &mut Search,
+    outcome: Outcome,
+    check: Option<&Checked>,
+) -> Result<Attributed, Error> {
+    let taken = kinds(&outcome.chosen);
+    let others = std::mem::take(&mut search.equal_paths);
+    let mut best = attribute_path(search, outcome, check)?;
+    if best.improving.is_none() {
+        best.equal = equal_paths(search, &taken, &best.outcome.chosen, others, check)?;
+        return Ok(best);
+    }
+    for other in others {
+        let place = search.leave();
+        let outcome = search.take(other);
+        let new = attribute_path(search, outcome, check)?;
+        let most = best.outcome.fitted.rmse() * (1.0 - search.spec.selection.material);
+        if new.outcome.fitted.rmse() < most {
+            best = new;
+        } else {
+            search.go_back(place);
+        }
+    }
+    Ok(best)
+}
+
+/// Parts the effects of one path.
+fn attribute_path(
     search: &mut Search,
     outcome: Outcome,
     check: Option<&Checked>,
@@ -180,6 +215,7 @@ pub fn attribute(
     Ok(Attributed {
         outcome: now.outcome,
         left,
+        equal: vec![],
         weights: now.weights,
         parameters,
         improving,

@@ -101,6 +101,11 @@ impl<'a> Scan<'a> {
         }
     }
 
+    /// Sums of the current model with terms added.
+    pub fn sums_beside(&self, pieces: &[Piece]) -> Result<Sums, Error> {
+        Ok(self.sums_with(pieces, false)?.sums)
+    }
+
     fn columns(&self, pieces: &[Piece], keep: bool) -> Result<Vec<Column>, Error> {
         pieces
             .iter()
