@@ -93,9 +93,11 @@ impl Layout {
             separator,
             decimal,
         };
-        let data = lines
+        let from = header_of_labview(&lines);
+        let data = lines[from..]
             .iter()
             .position(|l| row.fits(l.1))
+            .map(|at| from + at)
             .ok_or_else(|| failed("no cell is a number"))?;
         let mut layout = Layout {
             input: Input {
@@ -236,6 +238,14 @@ impl Row<'_> {
             .or_else(|| above.iter().rposition(|l| l.len() == self.is_number.len()))?;
         Some((at, above[at].clone(), vec![]))
     }
+}
+
+/// Place of the names of a LabVIEW measurement file, above which lines of numbers are no rows, as
+/// its numbers of samples; 0 for every other file.
+fn header_of_labview(lines: &[Line]) -> usize {
+    let is_labview = lines.iter().any(|l| l.1.starts_with("***End_of_Header***"));
+    let names = lines.iter().position(|l| l.1.starts_with("X_Value"));
+    names.filter(|_| is_labview).unwrap_or(0)
 }
 
 /// Rows per second by the step that a LabVIEW measurement file states above its rows.

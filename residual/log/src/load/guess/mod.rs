@@ -142,4 +142,6 @@ fn without_path(why: &str, path: &Path) -> String {
 }
 
 #[cfg(test)]
+mod foreign;
+#[cfg(test)]
 mod tests;

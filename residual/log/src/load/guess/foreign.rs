@@ -1,0 +1,250 @@
+//! On how many files of other programs the first model file runs at once.
+
+use super::guess;
+use crate::spec::Spec;
+
+/// Rows of a log.
+const ROWS: usize = 300;
+
+/// Files of 25 of which the model file must run on the first try.
+const GOAL: usize = 24;
+
+/// A log of another program: what it stands for, the name of its file, its bytes.
+type Foreign = (&'static str, &'static str, Vec<u8>);
+
+/// Time in s, command and force in N, speed in rad/s, angle in rad.
+fn at(i: usize) -> [f64; 5] {
+    let t = 0.01 * i as f64;
+    let angle = 2.0 * (1.3 * t).sin() + (2.9 * t).cos();
+    let speed = 2.6 * (1.3 * t).cos() - 2.9 * (2.9 * t).sin();
+    let command = 4.0 + 2.0 * (3.0 * t).sin();
+    let force = command - 0.4 * speed.signum() + 0.01 * (i * i % 7) as f64;
+    [t, command, speed, angle, force]
+}
+
+/// Lines of a log, by the values of each row.
+fn lines(line: impl Fn(usize, [f64; 5]) -> String) -> String {
+    (0..ROWS).map(|i| line(i, at(i)) + "\n").collect()
+}
+
+/// Cells with a separator between them.
+fn cells(values: &[f64], between: &str) -> String {
+    let all: Vec<String> = values.iter().map(|v| format!("{v:.5}")).collect();
+    all.join(between)
+}
+
+fn plain(head: &str, between: &str) -> String {
+    format!("{head}\n{}", lines(|_, v| cells(&v, between)))
+}
+
+/// A text in the old code of western Europe.
+fn cp1252(text: &str) -> Vec<u8> {
+    text.chars()
+        .map(|c| u8::try_from(u32::from(c)).unwrap_or(b'?'))
+        .collect()
+}
+
+fn texts() -> Vec<Foreign> {
+    let comma = "t,command,speed,angle,force";
+    let german =
+        "Zeit [s];Sollkraft [N];Geschwindigkeit [rad/s];Winkel [rad];Kraft [N]".to_string();
+    let decimal_comma = |head: &str| plain(head, ";").replace('.', ",");
+    let clock = |t: f64| {
+        let s = 3590.0 + t;
+        let (minute, second) = ((s / 60.0) as usize, s % 60.0);
+        format!("{:02}:{:02}:{second:06.3}", 22 + minute / 60, minute % 60)
+    };
+    let labview = |x: &str| {
+        let x_value = |i: usize| match x {
+            "No" => String::new(),
+            _ => format!("{:.6}", 0.01 * i as f64),
+        };
+        format!(
+            "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\nMulti_Headings\tYes\n\
+             X_Columns\t{x}\nTime_Pref\tRelative\n***End_of_Header***\t\n\nChannels\t4\t\t\t\t\nSamples\t{ROWS}\t{ROWS}\t{ROWS}\t{ROWS}\t\n\
+             Delta_X\t0.010000\t0.010000\t0.010000\t0.010000\t\n***End_of_Header***\t\t\t\t\t\nX_Value\tcommand\tspeed\tangle\tforce\tComment\n{}",
+            lines(|i, v| format!("{}\t{}\t", x_value(i), cells(&v[1..], "\t")))
+        )
+    };
+    let text = |what, name, text: String| (what, name, text.into_bytes());
+    vec![
+        text("commas", "a.csv", plain(comma, ",")),
+        text("tabs and CR LF", "a.txt", plain(&comma.replace(',', "\t"), "\t").replace('\n', "\r\n")),
+        text("a byte order mark", "a.csv", format!("\u{feff}{}", plain(comma, ","))),
+        text("semicolons and decimal commas", "a.csv", decimal_comma(&comma.replace(',', ";"))),
+        text("German names and units", "a.csv", decimal_comma(&german)),
+        (
+            "German names in cp1252",
+            "a.csv",
+            cp1252(&decimal_comma("Prüfzeit;Sollkraft;Geschwindigkeit;Winkel;Prüfkraft\ns;N;rad/s;rad;N")),
+        ),
+        text("LabVIEW with times", "a.lvm", labview("One")),
+        text("LabVIEW without times", "a.lvm", labview("No")),
+        text(
+            "a header with more cells than rows",
+            "a.csv",
+            format!("{comma},comment,flag\n{}", lines(|_, v| cells(&v, ","))),
+        ),
+        text(
+            "rows that end with a separator",
+            "a.csv",
+            format!("{comma}\n{}", lines(|_, v| cells(&v, ",") + ",")),
+        ),
+        text("names that repeat", "a.csv", plain("Time,Force,Speed,Angle,Force", ",")),
+        text("an oscilloscope", "a.csv", plain("x-axis,1,2,3,4\nsecond,Volt,Volt,Volt,Volt", ",")),
+        text(
+            "a date and a time of day",
+            "a.csv",
+            format!(
+                "Date,Time,command,speed,angle,force\n{}",
+                lines(|_, v| format!("2026-03-04,{},{}", clock(v[0]), cells(&v[1..], ",")))
+            ),
+        ),
+        text(
+            "times of day",
+            "a.csv",
+            format!("time,command,speed,angle,force\n{}", lines(|_, v| format!("{},{}", clock(v[0]), cells(&v[1..], ",")))),
+        ),
+        text(
+            "stamps with a zone",
+            "a.csv",
+            format!(
+                "timestamp,command,speed,angle,force\n{}",
+                lines(|_, v| format!("2026-03-04T{}+01:00,{}", clock(v[0]), cells(&v[1..], ",")))
+            ),
+        ),
+        text(
+            "milliseconds since 1970",
+            "a.csv",
+            format!(
+                "timestamp_ms,command,speed,angle,force\n{}",
+                lines(|i, v| format!("{},{}", 1_770_000_000_000_u64 + 10 * i as u64, cells(&v[1..], ",")))
+            ),
+        ),
+        text(
+            "seconds and nanoseconds beside a counter",
+            "a.csv",
+            format!(
+                "header.seq,header.stamp.secs,header.stamp.nsecs,header.frame_id,command,speed,angle,force\n{}",
+                lines(|i, v| format!("{i},{},{},base,{}", 1_770_000_000 + i / 100, i % 100 * 10_000_000, cells(&v[1..], ",")))
+            ),
+        ),
+        text(
+            "labels in each row",
+            "putty.log",
+            format!(
+                "10:10:59.100 -> ready\n{}",
+                lines(|_, [t, c, s, _, f]| format!("10:11:{t:06.3} -> cmd: {c:.3} N, speed: {s:.3} rad/s, force: {f:.3} N"))
+            ),
+        ),
+        text(
+            "blanks and a header in a comment",
+            "a.dat",
+            format!("% made by a script\n% t command speed angle force\n{}", lines(|_, v| cells(&v, "  "))),
+        ),
+        text("no header", "a.txt", lines(|_, v| cells(&v, " "))),
+        text(
+            "quotation marks",
+            "a.csv",
+            format!(
+                "\"t\",\"command, N\",\"speed\",\"angle\",\"force\"\n{}",
+                lines(|_, v| format!("\"{}\"", cells(&v, "\",\"")))
+            ),
+        ),
+        text(
+            "lines about the test above the names",
+            "a.csv",
+            format!("Specimen: 12\nOperator: A. B.\nDate: 2026-03-04\n\n{}", plain("Time (s),Command (N),Speed (rad/s),Angle (rad),Force (N)", ",")),
+        ),
+        text(
+            "topics in turn, with empty cells",
+            "a.csv",
+            format!(
+                "__time,/rig/command,/rig/velocity,/rig/position,/rig/force\n{}",
+                lines(|i, v| match i % 3 {
+                    2 => format!("{:.5},,,,", v[0]),
+                    _ => cells(&v, ","),
+                })
+            ),
+        ),
+        text(
+            "words in cells",
+            "a.csv",
+            format!(
+                "t,state,command,speed,angle,force\n{}",
+                lines(|i, v| format!("{:.5},{},{}", v[0], ["run", "hold"][i / 150], cells(&v[1..], ",")))
+            ),
+        ),
+    ]
+}
+
+/// A table of columns, compressed with zstd as pandas and polars can.
+#[cfg(feature = "parquet")]
+fn zstd() -> Vec<u8> {
+    use crate::load::tests::put_column;
+    use parquet::basic::{Compression, ZstdLevel};
+    use parquet::data_type::DoubleType;
+    use parquet::file::{properties::WriterProperties, writer::SerializedFileWriter};
+    use std::sync::Arc;
+    let names = ["t", "command", "speed", "angle", "force"];
+    let columns: String = names
+        .iter()
+        .map(|n| format!("required double {n}; "))
+        .collect();
+    let schema = format!("message log {{ {columns}}}");
+    let schema = parquet::schema::parser::parse_message_type(&schema).unwrap();
+    let zstd = Compression::ZSTD(ZstdLevel::default());
+    let properties = WriterProperties::builder().set_compression(zstd).build();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.parquet");
+    let file = std::fs::File::create(&path).unwrap();
+    let mut writer =
+        SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).unwrap();
+    let mut group = writer.next_row_group().unwrap();
+    for k in 0..names.len() {
+        let column: Vec<f64> = (0..ROWS).map(|i| at(i)[k]).collect();
+        put_column::<DoubleType>(&mut group, &column);
+    }
+    group.close().unwrap();
+    writer.close().unwrap();
+    std::fs::read(&path).unwrap()
+}
+
+/// What keeps the first model file for a log from running: a file that is not written, one that is
+/// no model, one that does not read the log, or that leaves out more than half of it.
+fn fails(name: &str, bytes: &[u8]) -> Option<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    let text = match guess(std::slice::from_ref(&path)) {
+        Ok(text) => text,
+        Err(why) => return Some(why.to_string()),
+    };
+    let spec = match Spec::parse(&text) {
+        Ok(spec) => spec,
+        Err(why) => return Some(format!("{why}\n{text}")),
+    };
+    match crate::load::load(&[path], &spec) {
+        Ok(data) if 2 * data.kept_rows().len() >= ROWS => None,
+        Ok(data) => Some(format!("{} of {ROWS} rows\n{text}", data.kept_rows().len())),
+        Err(why) => Some(format!("{why}\n{text}")),
+    }
+}
+
+/// `cargo test -p residual-log the_first_model_file_runs -- --nocapture` prints the count.
+#[cfg(feature = "parquet")]
+#[test]
+fn the_first_model_file_runs_on_nearly_all_foreign_files() {
+    let mut all = texts();
+    all.push(("Parquet with zstd", "a.parquet", zstd()));
+    let mut failures = Vec::new();
+    for (what, name, bytes) in &all {
+        let why = fails(name, bytes);
+        println!("{}  {what}", if why.is_none() { "runs" } else { "FAILS" });
+        failures.extend(why.map(|why| format!("{what}: {why}")));
+    }
+    let ran = all.len() - failures.len();
+    println!("{ran} of {} run", all.len());
+    assert_eq!(all.len(), 25);
+    assert!(ran >= GOAL, "{ran} run:\n{}", failures.join("\n\n"));
+}
