@@ -62,10 +62,10 @@ kinds! {
         "gain: the declared prediction is too small or too large by a constant factor"
         "hold several known loads at rest: the error grows in proportion to the load";
     Quadratic "quadratic"
-        "curvature: an error that grows with the square of the load"
+        "curvature: an error that grows with the square of the load (a bend in a part of the range, in a slope that changes gradually, may look the same)"
         "hold many loads over the whole range at rest, up and down";
     Kink "kink"
-        "kink: from a certain load on the target follows with another slope (a second path of the load, a stop, a joint that closes)"
+        "kink: from a certain load on the target follows with another slope (a second path of the load, a stop, a joint that closes); a slope that changes gradually, or at another load in each unit, may look the same"
         "ramp the load slowly through its range and back: two straight lines that meet at one load";
     Coulomb "coulomb"
         "dry friction: a constant force with the sign of the velocity"
@@ -80,7 +80,7 @@ kinds! {
         "dry friction that depends on the angle: larger in a sector of the turn, or with a ripple"
         "turn slowly through the whole range in both directions under constant load: the difference of the directions depends on the angle";
     Stribeck "stribeck"
-        "Stribeck friction: dry friction that is larger at low speed and falls to its sliding value"
+        "Stribeck friction: dry friction that is larger at low speed and falls to its sliding value (where the part at low speed acts along the motion: one that is smaller there)"
         "move at many constant speeds from very slow to fast, both directions, constant load";
     Presliding "presliding"
         "presliding: at rest friction holds the direction of the last motion, and turns over a short distance before the next"
@@ -95,7 +95,7 @@ kinds! {
         "a ripple locked to the angle (eccentric reel, gear mesh, cogging), by order per turn and phase"
         "turn slowly through many turns at two different speeds: the ripple keeps its order per turn, while its frequency follows the speed";
     CableStretch "cable_stretch"
-        "series elasticity: the load follows the command through a spring and damper (first-order lag), or rises with the winding angle"
+        "series elasticity: the load follows the command through a spring and damper (first-order lag; where only a part of the load is late it looks the same), or rises with the winding angle"
         "step and sweep the command with the far end blocked: the phase of a lag approaches a quarter period, that of a delay grows without limit";
     Inertia "inertia"
         "inertia: a force in proportion to the acceleration"
