@@ -298,7 +298,7 @@ impl Context<'_> {
     }
 
     /// Whether the rows are evenly spaced in time.
-    fn is_even(&self) -> bool {
+    pub fn is_even(&self) -> bool {
         let frame = &self.problem.frame;
         let sequences = frame.sequences().iter();
         let steps: Vec<f64> = sequences
