@@ -7,7 +7,7 @@ pub use crate::kind::Kind;
 use crate::misfit::TIMES;
 use crate::model::{Epochs, Model, ModelError, Progress};
 use crate::motion::{Motion, INPUTS, INPUT_NAMES};
-use crate::physics::Physics;
+use crate::physics::{Balance, Physics};
 use crate::recalibration::Change;
 use crate::sequence::Sequence;
 use crate::stream::{Before, Breaks, Stream};
@@ -316,6 +316,18 @@ impl Estimator {
             after_n,
             changes,
         })
+    }
+
+    /// See [`Physics::balances`].
+    ///
+    /// # Errors
+    /// The model has no balance.
+    pub fn balances(&self, sequence: &Sequence) -> Result<Vec<[Balance; 3]>, ModelError> {
+        match &self.model {
+            Body::Physics(physics) => Ok(physics.balances(sequence)),
+            Body::Boosted(boosted) => boosted.balances(sequence),
+            _ => Err(ModelError::Data(NO_BALANCE.to_owned())),
+        }
     }
 
     /// RMS of the valid estimates, N.

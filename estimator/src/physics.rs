@@ -22,13 +22,14 @@
 use crate::geometry::Base;
 use crate::misfit::{Misfit, TIMES};
 use crate::model::{Fit, Model, ModelError, Stepper};
-use crate::motion::{Moment, Motion, FADE, LEVELS, LONGEST_GAP_S, STOPS};
-use crate::recalibration::{effects, Change, Found, Free};
+use crate::motion::{LowPass, Moment, Motion, FADE, FILTER_S, LEVELS, LONGEST_GAP_S, STOPS};
+use crate::recalibration::{effects, motor_angle, Change, Found, Free, FRICTION as FRICTION_OF};
 use crate::ridge::{Ridge, Sums};
 use crate::sequence::Sequence;
 use crate::wander::Wander;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
+use robot::kinematics::TRANSMISSION;
 use serde::{Deserialize, Serialize};
 
 /// Rows at the start of a sequence that no fit uses, s: the stop operators do not yet know their state.
@@ -86,6 +87,27 @@ pub struct Physics {
     /// What a recalibration has found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     found: Option<Found>,
+}
+
+/// Balance of a motor at a row, in the joint's unit: N·m, N·m, N.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Balance {
+    /// Time in the trial, s.
+    pub time_s: f64,
+    /// Torque that is commanded, filtered.
+    pub torque: f64,
+    /// What the model expects of it: gravity and friction less the contact.
+    pub expected: f64,
+    /// The part of it that is friction.
+    pub friction: f64,
+    /// Angle of the motor, rad.
+    pub angle: f64,
+    /// Velocity of the motor, rad/s.
+    pub turn_rate: f64,
+    /// Standard deviation of torque less expected in training.
+    pub deviation: f64,
+    /// Coulomb friction in training, its own and that of the links.
+    pub coulomb: f64,
 }
 
 /// Variance by speed.
@@ -184,8 +206,7 @@ fn visit<T: Send>(
             let mut out = start();
             let mut motion = Motion::with_friction(sequence.step_s, coulomb);
             // The contact is filtered as the torque is, or the balance would mix two times.
-            let mut filters =
-                [crate::motion::LowPass::new(crate::motion::FILTER_S, sequence.step_s); 3];
+            let mut filters = [LowPass::new(FILTER_S, sequence.step_s); 3];
             let settle = settle_rows(sequence.step_s);
             for k in 0..sequence.rows() {
                 let moment = motion.step(sequence.input_row(k));
@@ -349,6 +370,35 @@ impl Physics {
         let changes = core::array::from_fn(|i| found.of_motor(i, self.coulomb[i]));
         self.found = Some(found);
         Ok(changes)
+    }
+
+    /// The balance of each motor at each row that tells it, with the measured force; a force that was not measured counts as none.
+    #[must_use]
+    pub fn balances(&self, sequence: &Sequence) -> Vec<[Balance; 3]> {
+        let mut observer = self.observer();
+        // The contact is filtered as the torque is, or the balance would mix two times.
+        let mut filters = [LowPass::new(FILTER_S, sequence.step_s); 3];
+        let mut out = Vec::new();
+        for k in 0..sequence.rows() {
+            let (moment, seen) = observer.take(sequence.input_row(k));
+            let force =
+                force_of(sequence.target_row(k)).map(|n| if n.is_finite() { n } else { 0.0 });
+            let contact = seen.levers * force;
+            let contact: [f64; 3] = core::array::from_fn(|i| filters[i].step(contact[i]));
+            if moment.settled() {
+                out.push(core::array::from_fn(|i| Balance {
+                    time_s: sequence.start_s + k as f64 * sequence.step_s,
+                    torque: moment.torque[i],
+                    expected: moment.torque[i] + seen.contact[i] - contact[i],
+                    friction: seen.effects[i][FRICTION_OF],
+                    angle: motor_angle(moment, i),
+                    turn_rate: moment.flow[i] * TRANSMISSION[i],
+                    deviation: self.noise[i].deviation(),
+                    coulomb: self.coulomb[i],
+                }));
+            }
+        }
+        out
     }
 
     /// Time between rows, s.

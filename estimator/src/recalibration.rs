@@ -43,7 +43,7 @@ const WANDERS: f64 = 30.0;
 /// Least that a minute leaves, per noise of training.
 const LEAST_LEFT: f64 = 0.1;
 /// Place of the share of friction among the changes.
-const FRICTION: usize = 1;
+pub(crate) const FRICTION: usize = 1;
 /// Ripple of the friction over a turn that is told, share: some times what a minute finds where there is none.
 const TOLD_RIPPLE: f64 = 0.03;
 /// Stop operator that stands for the direction of sliding.
@@ -57,11 +57,16 @@ type Matrix = SMatrix<f64, CHANGES, CHANGES>;
 type Long = SVector<f64, WITH_TIME>;
 type Square = SMatrix<f64, WITH_TIME, WITH_TIME>;
 
+/// Angle of motor `i` when the filtered torque was, rad.
+#[must_use]
+pub fn motor_angle(m: &Moment, i: usize) -> f64 {
+    (m.motors[i] - FILTER_S * m.flow[i]) * TRANSMISSION[i]
+}
+
 /// What the changes of motor `i` add to its balance. `coulomb`: size of its friction; `friction`: what the model has of it now.
 #[must_use]
 pub fn effects(m: &Moment, i: usize, coulomb: f64, friction: f64) -> [f64; CHANGES] {
-    // Where the motor was when the filtered torque was.
-    let angle = (m.motors[i] - FILTER_S * m.flow[i]) * TRANSMISSION[i];
+    let angle = motor_angle(m, i);
     let sliding = coulomb * m.motor_stop(i, DIRECTION);
     [
         coulomb,

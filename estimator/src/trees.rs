@@ -2,7 +2,7 @@
 
 use crate::model::{by_steps, Fit, Model, ModelError, Stepper};
 use crate::motion::{share_after, LowPass, Moment, LEVELS, LONGEST_GAP_S};
-use crate::physics::{settle_rows, Observer, Physics, Seen};
+use crate::physics::{settle_rows, Balance, Observer, Physics, Seen};
 use crate::recalibration::Change;
 use crate::sequence::Sequence;
 use forust_ml::{GradientBooster, Matrix};
@@ -291,6 +291,17 @@ impl Boosted {
             return Err(ModelError::Data(NO_BALANCE.to_owned()));
         }
         self.physics.recalibrate(free)
+    }
+
+    /// See [`Physics::balances`].
+    ///
+    /// # Errors
+    /// Trees alone have no balance.
+    pub fn balances(&self, sequence: &Sequence) -> Result<Vec<[Balance; 3]>, ModelError> {
+        if !self.correct {
+            return Err(ModelError::Data(NO_BALANCE.to_owned()));
+        }
+        Ok(self.physics.balances(sequence))
     }
 
     /// What to store.

@@ -100,13 +100,14 @@ fn the_page_goes_through_the_whole_day() {
         "estimate eval",
         "estimate run",
         "estimate recalibrate",
+        "estimate explain",
     ] {
         assert!(
             calls.iter().any(|call| call == name),
             "the page never calls {name}"
         );
     }
-    assert_eq!(calls.len(), 12);
+    assert_eq!(calls.len(), 13);
 }
 
 #[test]

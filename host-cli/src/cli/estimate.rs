@@ -1,5 +1,6 @@
 //! `forcectl estimate`: contact force from the state of a robot, without a force sensor.
 
+mod explain;
 mod live;
 mod report;
 
@@ -9,6 +10,7 @@ use super::Context;
 use clap::{Args, Subcommand};
 use estimate::card::{newtons, percent, ModelCard, Run};
 use estimate::evaluate::{Replay, Streamed};
+use estimate::explain::JOINTS;
 use estimate::{self, evaluate, load, Data};
 use estimator::data::{Label, Mapping};
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
@@ -29,6 +31,7 @@ Examples:
   forcectl estimate run arm.model --replay log.parquet              force of each row of a log
   forcectl estimate run arm.model --robot my.toml                   live, from the source that [robot] of the file names
   forcectl estimate recalibrate arm.model free.parquet --out today.model    adapts a model to its robot of today
+  forcectl estimate explain arm.model other-day                     what has changed of each motor, in words
   forcectl estimate report lab-day --into docs                      all models, tables and pictures
 
 docs/estimation.md explains the models and what they reach.
@@ -53,6 +56,8 @@ enum Sub {
     Run(live::Live),
     /// Adapt a model to its robot of today, from a minute of free motion
     Recalibrate(Recalibrate),
+    /// Say in words what has changed of each motor, from trials with or without a force
+    Explain(explain::Explain),
     /// Write a network as ONNX, with a card of its inputs and outputs
     Export(Export),
     /// Train and compare all models, and write the tables and pictures
@@ -150,9 +155,6 @@ struct Recalibrate {
     #[arg(long, value_name = "FILE")]
     mapping: Option<PathBuf>,
 }
-
-/// The joints that a recalibration looks at, with the units of their torques.
-const JOINTS: [(&str, &str); 3] = [("shoulder", "N·m"), ("elbow", "N·m"), ("insertion", "N")];
 
 /// Measured force above which a log is not of free motion, N RMS: some times the noise of the load cells.
 const FREE_N: f64 = 0.2;
@@ -330,6 +332,7 @@ impl Estimate {
             Sub::Eval(command) => command.run(context),
             Sub::Run(command) => command.run(context),
             Sub::Recalibrate(command) => command.run(),
+            Sub::Explain(command) => command.run(),
             Sub::Export(command) => command.run(),
             Sub::Report(command) => command.run(context),
         }

@@ -4,6 +4,7 @@
 
 pub mod card;
 pub mod evaluate;
+pub mod explain;
 pub mod load;
 pub mod pace;
 pub mod pictures;
