@@ -13,9 +13,7 @@ use crate::workspace::Workspace;
 /// # Errors
 /// Lists each broken link or path with file and line.
 pub fn check(workspace: &Workspace) -> Result<usize> {
-    let mut files = Vec::new();
-    collect(workspace.root(), &mut files);
-    files.sort();
+    let files = workspace.files(".md");
     let mut texts = HashMap::new();
     for file in &files {
         let text = fs::read_to_string(file).map_err(|error| {
@@ -73,26 +71,6 @@ fn left_out<'a>(texts: &'a HashMap<PathBuf, String>, root: &Path) -> Vec<&'a Pat
         .collect();
     missing.sort();
     missing
-}
-
-/// Markdown files below a folder, leaving out build products and hidden folders.
-fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
-    let Ok(entries) = folder.read_dir() else {
-        return;
-    };
-    for entry in entries.flatten() {
-        let path = entry.path();
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        if name.starts_with('.') || name == "target" || name == "data" {
-            continue;
-        }
-        if path.is_dir() {
-            collect(&path, files);
-        } else if name.ends_with(".md") {
-            files.push(path);
-        }
-    }
 }
 
 /// A link and the line it starts on.

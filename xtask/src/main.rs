@@ -5,6 +5,7 @@
 //! them by starting cargo; see docs/developing.md.
 
 mod book;
+mod comments;
 mod elf;
 mod experiment;
 mod firmware;

@@ -12,7 +12,9 @@ use crate::report::{elapsed, say, Failure, Result};
 use crate::tally::{is_news, Tally};
 use crate::toolchain::{setup, Arm, TARGET};
 use crate::workspace::Workspace;
-use crate::{firmware, inspect, links, optional, pypi, python, renode, rig, rust_version};
+use crate::{
+    comments, firmware, inspect, links, optional, pypi, python, renode, rig, rust_version,
+};
 
 /// How a step ended when it didn't fail.
 enum Outcome {
@@ -346,6 +348,7 @@ fn fmt(suite: &mut Suite) -> Result<Outcome> {
     process::run(&mut command).map_err(|_| {
         Failure::new("the files listed above aren't formatted").remedy("run `cargo fmt --all`")
     })?;
+    comments::check(suite.workspace)?;
     ok()
 }
 

@@ -76,12 +76,40 @@ impl Workspace {
         self.target.join("xtask")
     }
 
+    /// The project's own files whose names end with `ending`, sorted; without build products, data and
+    /// hidden folders.
+    pub fn files(&self, ending: &str) -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        collect(&self.root, ending, &mut files);
+        files.sort();
+        files
+    }
+
     /// A path as shown to people: relative to the root where it lies below it.
     pub fn show(&self, path: &Path) -> String {
         path.strip_prefix(&self.root)
             .unwrap_or(path)
             .display()
             .to_string()
+    }
+}
+
+fn collect(folder: &Path, ending: &str, files: &mut Vec<PathBuf>) {
+    let Ok(entries) = folder.read_dir() else {
+        return;
+    };
+    for entry in entries.flatten() {
+        let path = entry.path();
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with('.') || name == "target" || name == "data" {
+            continue;
+        }
+        if path.is_dir() {
+            collect(&path, ending, files);
+        } else if name.ends_with(ending) {
+            files.push(path);
+        }
     }
 }
 
