@@ -399,6 +399,18 @@ impl Plan {
         full(self.first) || self.second.is_some_and(|(second, _)| full(second))
     }
 
+    /// Whether an output stands for less pull than a resting reel and its cable show: bit 9 is 1.8 N,
+    /// and the campaign counts from 1.5 N on (docs/safety.md, "A pull below 2 N at 0 V").
+    #[must_use]
+    pub fn has_small_pull(&self) -> bool {
+        let small = |injection: Injection| match injection {
+            Injection::DacBit(_, 9, often) => often > 1,
+            Injection::DacBitStuck(_, 9, set) => set,
+            _ => false,
+        };
+        small(self.first) || self.second.is_some_and(|(second, _)| small(second))
+    }
+
     /// An injection into a rig that holds, and a second one so many milliseconds later.
     #[must_use]
     pub const fn holding(base: u64, first: Injection, second: Option<(Injection, u32)>) -> Self {
