@@ -335,6 +335,7 @@ fn setpoints_on(
         tension_un,
         inv_cos_q16: 65_536,
         direction_q14: bench.directions[unit],
+        reel_um_per_s: None,
     });
     bench.ask(link, Command::Setpoints { valid_ms, units })
 }
@@ -429,6 +430,7 @@ fn a_setpoint_above_the_permitted_tension_is_refused_for_each_unit() {
                 tension_un: 3_000_000,
                 inv_cos_q16: 65_536,
                 direction_q14: [0; 3],
+                reel_um_per_s: None,
             }; UNITS];
             units[unit].tension_un = tension_un;
             let answer = bench.ask(
@@ -568,6 +570,7 @@ fn each_cable_counts_at_the_tip() {
                 tension_un: if other == unit { tension_un } else { 0 },
                 inv_cos_q16: 65_536,
                 direction_q14: bench.directions[other],
+                reel_um_per_s: None,
             });
             let mut above_ms = 0;
             for ms in 0..300 {

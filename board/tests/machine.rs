@@ -276,6 +276,7 @@ fn bad_values_are_named_by_unit_and_field_and_change_nothing() {
         tension_un: 3_000_000,
         inv_cos_q16: 0,
         direction_q14: [0; 3],
+        reel_um_per_s: None,
     };
     let refused = bench.ask(
         0,

@@ -54,6 +54,8 @@ pub struct Model {
     gain_out_q16: i32,
     /// Direction (times 2^30) per nanometre, times 256.
     per_nm_q8: i32,
+    /// The same for the last element to slide of [`Presliding`].
+    presliding_q8: i32,
     /// Play that the travel must use up before it counts, in nanometres: one encoder count.
     play_nm: i32,
     /// Force steps per nanometre a nominal sample, times 65,536.
@@ -82,6 +84,7 @@ impl Model {
             gain_in_q16: wire.friction_gain_q16.saturating_sub(wire.coulomb_load_q16),
             gain_out_q16: wire.friction_gain_q16.saturating_add(wire.coulomb_load_q16),
             per_nm_q8: crate::units::rounded(per_nm * 256.0),
+            presliding_q8: crate::units::rounded(per_nm / PRESLIDING_SHARE * 256.0),
             play_nm: wire.travel_nm_per_count.saturating_abs(),
             viscous: crate::units::rounded(
                 f64::from(wire.viscous_q16)
@@ -161,7 +164,7 @@ impl Model {
         let paying_out = times(base.saturating_sub(coulomb), self.inv_out_q24);
         let middle = (winding_in + paying_out) >> 1;
         // 29 bits (94 N at most within the ranges), and 16 of the share.
-        let half = (((winding_in - paying_out) >> 1) * REVERSAL_SHARE_Q16) >> 16;
+        let half = (((winding_in - paying_out) >> 1) * level.share.q16()) >> 16;
         let half = Newton::from_bits(half as i32);
         let taken = i64::from(level.times(half).to_bits()) * i64::from(direction.q30());
         Feedforward {
@@ -205,6 +208,7 @@ pub struct Level {
     before: Option<Newton>,
     /// Samples since the reel slid.
     rested: u8,
+    share: Share,
 }
 
 /// First-order mean of the integral over some 16 samples, 50 ms.
@@ -229,6 +233,49 @@ const LEAST_FRICTION: Newton = Newton::from_un(250_000);
 /// What [`REVERSAL_SHARE_Q16`] leaves to the integral, over what it takes, times 65,536: 1/9.
 const LEFT_Q16: i64 = (1 << 32) / REVERSAL_SHARE_Q16 - (1 << 16);
 
+/// How much of the friction the feedforward takes over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Share {
+    /// [`REVERSAL_SHARE_Q16`]: the encoder alone shows a reversal.
+    #[default]
+    Encoder,
+    /// [`FORETOLD_SHARE_Q16`]: the host has foretold it.
+    Foretold,
+}
+
+impl Share {
+    /// Times 65,536.
+    const fn q16(self) -> i64 {
+        match self {
+            Self::Encoder => REVERSAL_SHARE_Q16,
+            Self::Foretold => FORETOLD_SHARE_Q16,
+        }
+    }
+
+    /// What it leaves to the integral, over what it takes, times 65,536.
+    const fn left_q16(self) -> i64 {
+        const FORETOLD: i64 = (1 << 32) / FORETOLD_SHARE_Q16 - (1 << 16);
+        match self {
+            Self::Encoder => LEFT_Q16,
+            Self::Foretold => FORETOLD,
+        }
+    }
+
+    /// What it takes more than the other, over what it takes, times 2^30: finer than the share's own bits, because the errors
+    /// of many exchanges add up in the integral.
+    const fn more_q30(self) -> i64 {
+        const fn more(than: i64, share: i64) -> i64 {
+            (1 << 30) - (than << 30) / share
+        }
+        const ENCODER: i64 = more(FORETOLD_SHARE_Q16, REVERSAL_SHARE_Q16);
+        const FORETOLD: i64 = more(REVERSAL_SHARE_Q16, FORETOLD_SHARE_Q16);
+        match self {
+            Self::Encoder => ENCODER,
+            Self::Foretold => FORETOLD,
+        }
+    }
+}
+
 impl Level {
     /// Friction over that of the model, less one.
     #[must_use]
@@ -246,8 +293,36 @@ impl Level {
     pub fn begin(&mut self) {
         *self = Self {
             excess_q24: self.excess_q24,
+            share: self.share,
             ..Self::default()
         };
+    }
+
+    /// Whether the host foretells the reel's travel; returns whether that is new. The next
+    /// [`Model::command`] takes over another share of the friction then, and the integral is to give up
+    /// [`Self::exchanged`].
+    pub fn foretell(&mut self, foretold: bool) -> bool {
+        let share = if foretold {
+            Share::Foretold
+        } else {
+            Share::Encoder
+        };
+        let is_new = self.share != share;
+        if is_new {
+            self.share = share;
+            self.begin();
+        }
+        is_new
+    }
+
+    /// What a new share has moved from the integral to the feedforward, with the sign of the command;
+    /// `half` is [`Feedforward::half`] with it.
+    #[inline(never)]
+    #[must_use]
+    pub fn exchanged(&self, half: Newton, direction: Direction) -> Newton {
+        // 30 bits of force, 27 of the share.
+        let more = (i64::from(self.times(half).to_bits()) * self.share.more_q30()) >> 30;
+        Newton::from_wide((more * i64::from(direction.q30())) >> 30)
     }
 
     /// The reel does not slide: the integral says nothing about friction.
@@ -297,7 +372,7 @@ impl Level {
         }
         let change = i64::from(self.mean.to_bits()) - i64::from(before.to_bits());
         let shown = self.inward(change) >> 1;
-        let left = (i64::from(self.times(half).to_bits()) * LEFT_Q16) >> 16;
+        let left = (i64::from(self.times(half).to_bits()) * self.share.left_q16()) >> 16;
         let missing = clamp_abs(shown - left, 2 << Newton::FRAC_BITS);
         // At most 8, times 2^24. Once a reversal: the wide division costs nothing.
         let ratio_q24 = (missing << 24) / i64::from(half.to_bits());
@@ -320,6 +395,10 @@ impl Level {
 /// friction changed both ways, which `control/tests/tension_loop.rs` holds.
 pub const REVERSAL_SHARE_Q16: i64 = 58_982;
 
+/// The same where the host foretells the reversal ([`crate::preview`]): 0.98. With all of it the largest error as declared is
+/// smaller still, but larger than without the host where friction is a fifth below the declared one.
+pub const FORETOLD_SHARE_Q16: i64 = 64_225;
+
 /// Largest viscous friction that is compensated: 3 N, twice what the reel's dry friction is at 4 N.
 pub const VISCOUS_LIMIT: Newton = Newton::from_un(3_000_000);
 
@@ -333,6 +412,13 @@ const REEL_SPEED_SHIFT: u32 = 3;
 pub struct ReelSpeed(i32);
 
 impl ReelSpeed {
+    /// From micrometres a second, within 1 m/s.
+    #[must_use]
+    pub fn from_um_per_s(um_per_s: i32) -> Self {
+        const Q8_PER_UM: i32 = 1_000 * 256 / crate::NOMINAL_SPS as i32;
+        Self(clamp_abs(um_per_s, 1_000_000) * Q8_PER_UM)
+    }
+
     /// Takes a nominal sample's travel in nanometres.
     pub fn step(&mut self, travel_nm: i32) {
         let travel = travel_nm.clamp(-MAX_TRAVEL_NM, MAX_TRAVEL_NM) << 8;
@@ -458,6 +544,42 @@ pub const REST_DEAD_BAND: Newton = Newton::from_un(10_000);
 /// second), in steps of direction a step of force (2^30 / 2^22 * 0.6).
 const REST_STEPS: i64 = 154;
 
+/// Presliding distance at which the last element slides, over half of the configured reversal travel
+/// ([`UnitConfig::reversal_nm`]), while the host foretells the travel. The nominal contact's own is 0.6 (30 um, at
+/// 100 um configured). 0.7 costs less where the distance is twice as long.
+const PRESLIDING_SHARE: f64 = 0.7;
+
+/// Presliding friction as four elements of equal parts that slide after a quarter, a half, three quarters and all
+/// of the presliding distance (Maxwell-slip, Al-Bender, Lampaert, Swevers 2005), each -1 to 1 times
+/// 2^30. Most of the friction reverses early, and a small turn back is a small loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Presliding([i32; 4]);
+
+impl Presliding {
+    /// Moves every element by a travel that moves the last one to slide by `last`, and by `further`; each at most by
+    /// [`Direction::ONE`], and so both together. All in 32 bits: this is most of what a foretold sample costs.
+    fn step(&mut self, last: i32, further: i32) -> Direction {
+        const ONE: i32 = Direction::ONE;
+        let [a, b, c, d] = self.0;
+        let within = |step: i32| clamp_abs(step, ONE);
+        let moved = |element: i32, step: i32| {
+            within(element.saturating_add(within(step.saturating_add(further))))
+        };
+        // The third one: four thirds of it. 1/3 is 0.0101 0101.. binary.
+        let third = ((i64::from(last) * 21_845) >> 16) as i32;
+        let third = third + (third >> 16);
+        self.0 = [
+            moved(a, clamp_abs(last, ONE / 4) << 2),
+            moved(b, clamp_abs(last, ONE / 2) << 1),
+            moved(c, within(last.saturating_add(third))),
+            moved(d, last),
+        ];
+        let [a, b, c, d] = self.0;
+        // Each is a whole number of halves and a remainder: no sum of two wraps.
+        Direction((((a >> 1) + (b >> 1)) >> 1) + (((c >> 1) + (d >> 1)) >> 1))
+    }
+}
+
 /// Estimates the reel's direction.
 ///
 /// *While the reel moves*, the estimate follows the travel alone, as presliding friction does: it changes in
@@ -471,6 +593,10 @@ const REST_STEPS: i64 = 154;
 /// starts to move, and does not jump a second time when the travel confirms the direction. (Measured on the plant of
 /// the emulated rig: without this the compensation acts after the integral has crossed the band, and makes the
 /// error larger.)
+///
+/// *Where the host foretells the travel* ([`crate::preview`]), a reel at rest takes that in place of its own, which
+/// friction holds back until the estimate lets it go, and the estimate is that of [`Presliding`]. A reel that
+/// moves keeps its own travel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DirectionEstimator {
     direction: Direction,
@@ -482,7 +608,12 @@ pub struct DirectionEstimator {
     steady_nm: i32,
     /// Mean of it without its sign, times 4,096; first order over four samples.
     speed_q12: i32,
+    /// What the direction is the mean of while the host foretells the travel.
+    presliding: Option<Presliding>,
 }
+
+/// Stillness from which the foretold travel counts in full: an eighth, as a shift. Found as the other numbers.
+const FORETOLD_SHIFT: u32 = 3;
 
 impl DirectionEstimator {
     /// Most that the direction changes in one sample: half of a whole reversal. Whatever the reel does, the
@@ -490,8 +621,15 @@ impl DirectionEstimator {
     pub const MAX_STEP: i64 = Direction::ONE as i64;
 
     /// Takes a sample's travel in nanometres (positive: winding in) and the tension error (setpoint less
-    /// tension; zero while the loop is open).
-    pub fn step(&mut self, model: &Model, travel_nm: i32, error: Newton) -> Direction {
+    /// tension; zero while the loop is open). `foretold_q8`: the travel that the host foretells, in
+    /// nanometres times 256 ([`crate::preview::Preview::step`]).
+    pub fn step(
+        &mut self,
+        model: &Model,
+        travel_nm: i32,
+        error: Newton,
+        foretold_q8: Option<i32>,
+    ) -> Direction {
         let travel_nm = travel_nm.clamp(-MAX_TRAVEL_NM, MAX_TRAVEL_NM);
         let fine = self.fine_slack_nm.saturating_add(travel_nm);
         self.fine_slack_nm = clamp_abs(fine, model.play_nm / 2);
@@ -502,16 +640,31 @@ impl DirectionEstimator {
         let position = self.slack_nm.saturating_add(travel_nm);
         self.slack_nm = clamp_abs(position, model.play_nm);
         let effective = i64::from(position) - i64::from(self.slack_nm);
-        let presliding = (effective * i64::from(model.per_nm_q8)) >> 8;
-
         let error = i64::from(error.to_bits());
         let band = i64::from(REST_DEAD_BAND.to_bits());
         // 4 N give more than the largest step; 24 bits of it, 8 of the rate and 24 of stillness make 56.
         let beyond = (error - clamp_abs(error, band)).clamp(-(4 << 22), 4 << 22);
         let intent = (beyond * REST_STEPS * i64::from(self.stillness().0)) >> 24;
 
-        let change = (presliding + intent).clamp(-Self::MAX_STEP, Self::MAX_STEP);
-        self.direction = Direction::from_q30(i64::from(self.direction.0) + change);
+        self.direction = if let Some(foretold) = foretold_q8 {
+            let weight = (i64::from(self.stillness().0) << FORETOLD_SHIFT).min(Stillness::ONE);
+            // 30 bits each, their difference 31, and 24 of the weight.
+            const MOST: i32 = (MAX_TRAVEL_NM << 8) - 1;
+            let travel = clamp_abs(effective as i32, MAX_TRAVEL_NM - 1) << 8;
+            let foretold = clamp_abs(foretold, MOST);
+            let nearer = (i64::from(foretold - travel) * weight) >> 24;
+            let used = travel + nearer as i32;
+            let last = (i64::from(used) * i64::from(model.presliding_q8)) >> 16;
+            let last = clamp_abs(last, i64::from(Direction::ONE)) as i32;
+            let further = clamp_abs(intent, Self::MAX_STEP) as i32;
+            let start = Presliding([self.direction.0; 4]);
+            self.presliding.get_or_insert(start).step(last, further)
+        } else {
+            self.presliding = None;
+            let presliding = (effective * i64::from(model.per_nm_q8)) >> 8;
+            let change = (presliding + intent).clamp(-Self::MAX_STEP, Self::MAX_STEP);
+            Direction::from_q30(i64::from(self.direction.0) + change)
+        };
         self.direction
     }
 

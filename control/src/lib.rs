@@ -56,6 +56,7 @@ pub mod limits;
 pub mod motor;
 pub mod pid;
 pub mod plausible;
+pub mod preview;
 pub mod state;
 pub mod supervisor;
 pub mod system;

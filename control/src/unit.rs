@@ -18,6 +18,7 @@ use crate::friction::{
 };
 use crate::limits::Ramp;
 use crate::pid::{periods_shift, Measured, Pid, Terms};
+use crate::preview::Preview;
 use crate::units::{AdcCode, DacCode, EncoderCounts, InvCos, Micros, Newton};
 use crate::NOMINAL_PERIOD_US;
 use wire::message::{flags, Sample, UnitSetpoint};
@@ -81,11 +82,18 @@ pub struct Setpoint {
     pub tension: Newton,
     /// From load-cell force to cable tension.
     pub inv_cos: InvCos,
+    /// Speed that the host expects of the reel, where it knows.
+    pub reel: Option<ReelSpeed>,
 }
+
+/// Largest speed of a reel that a setpoint may tell, in micrometres a second: 1 m/s, half as much
+/// again as the motor reaches at the amplifier's voltage.
+pub const REEL_SPEED_MAX_UM_PER_S: i32 = 1_000_000;
 
 impl Setpoint {
     /// From the wire; the number of the first field that is out of its range: 0 `tension_un` (0 to the
-    /// largest tension, and to the force limit), 1 `inv_cos_q16` (65,536 to 262,144), 2 `direction_q14` (a unit vector, or zero).
+    /// largest tension, and to the force limit), 1 `inv_cos_q16` (65,536 to 262,144), 2 `direction_q14` (a unit vector, or zero), 3
+    /// `reel_um_per_s` (within [`REEL_SPEED_MAX_UM_PER_S`]).
     ///
     /// # Errors
     ///
@@ -104,9 +112,17 @@ impl Setpoint {
         if !crate::tip::is_direction(wire.direction_q14) {
             return Err(2);
         }
+        let range = -REEL_SPEED_MAX_UM_PER_S..=REEL_SPEED_MAX_UM_PER_S;
+        if wire
+            .reel_um_per_s
+            .is_some_and(|speed| !range.contains(&speed))
+        {
+            return Err(3);
+        }
         Ok(Self {
             tension: Newton::from_un(wire.tension_un),
             inv_cos: InvCos::from_q16(wire.inv_cos_q16),
+            reel: wire.reel_um_per_s.map(ReelSpeed::from_um_per_s),
         })
     }
 }
@@ -182,6 +198,7 @@ pub struct State {
     filter: Filter,
     tension: Newton,
     estimator: DirectionEstimator,
+    preview: Preview,
     reel_speed: ReelSpeed,
     level: Level,
     pid: Pid,
@@ -300,9 +317,12 @@ impl Controller {
         } else {
             Newton::ZERO
         };
+        let foretold = state
+            .preview
+            .step(input.setpoint.reel, travel_nm, periods_shift(dt_us));
         let direction = state
             .estimator
-            .step(&config.friction, travel_nm, last_error);
+            .step(&config.friction, travel_nm, last_error, foretold);
         if direction.q30() > 0 {
             flags |= flags::WINDING_IN;
         } else if direction.q30() < 0 {
@@ -381,6 +401,7 @@ impl Controller {
                     travel_nm: state.estimator.steady_travel_nm(),
                     dt_us,
                 };
+                let exchanges = state.level.foretell(foretold.is_some());
                 let Feedforward {
                     command: feedforward,
                     half,
@@ -391,6 +412,10 @@ impl Controller {
                     input.encoder_counts,
                     &state.level,
                 );
+                if exchanges {
+                    let moved = state.level.exchanged(half, direction);
+                    state.pid.give_up(moved);
+                }
                 let mut terms = state.pid.terms(config, &measured);
                 if !state.closed || state.rebase {
                     state.level.begin();

@@ -5,6 +5,7 @@ mod compare;
 #[path = "common/reference.rs"]
 mod reference;
 
+use control::friction::ReelSpeed;
 use control::unit::{Drive, Setpoint};
 use control::{
     AdcCode, Config, Controller, DacCode, EncoderCounts, Input, InvCos, Micros, Newton, State,
@@ -20,14 +21,16 @@ fn input() -> impl Strategy<Value = Input> {
         any::<i32>(),
         any::<i32>(),
         0..3usize,
+        any::<Option<i32>>(),
     )
-        .prop_map(|(code, counts, at, tension, inv_cos, drive)| Input {
+        .prop_map(|(code, counts, at, tension, inv_cos, drive, reel)| Input {
             adc_code: AdcCode::new(code),
             encoder_counts: EncoderCounts(counts),
             at: Micros(at),
             setpoint: Setpoint {
                 tension: Newton::from_bits(tension),
                 inv_cos: InvCos::from_q16(inv_cos),
+                reel: reel.map(ReelSpeed::from_um_per_s),
             },
             drive: [Drive::Off, Drive::Follow, Drive::Ramp][drive],
         })
@@ -96,6 +99,7 @@ fn setpoints_are_checked() {
                 tension_un,
                 inv_cos_q16,
                 direction_q14: [0, 0, DIRECTION_ONE],
+                reel_um_per_s: None,
             },
         )
         .map(|s| s.tension.to_un())
@@ -110,6 +114,21 @@ fn setpoints_are_checked() {
         tension_un: 2_500_000,
         inv_cos_q16: 65_536,
         direction_q14: [DIRECTION_ONE; 3],
+        reel_um_per_s: None,
     };
     assert_eq!(Setpoint::from_wire(&config, &sideways), Err(2));
+    let moving = |reel_um_per_s| UnitSetpoint {
+        direction_q14: [0; 3],
+        reel_um_per_s,
+        ..sideways
+    };
+    for speed in [None, Some(-1_000_000), Some(0), Some(1_000_000)] {
+        assert!(
+            Setpoint::from_wire(&config, &moving(speed)).is_ok(),
+            "{speed:?}"
+        );
+    }
+    for speed in [i32::MIN, -1_000_001, 1_000_001, i32::MAX] {
+        assert_eq!(Setpoint::from_wire(&config, &moving(Some(speed))), Err(3));
+    }
 }

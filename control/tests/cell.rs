@@ -52,6 +52,7 @@ fn sample(config: &Config, state: &mut State, n: u32, code: AdcCode) -> control:
         setpoint: Setpoint {
             tension: Newton::ZERO,
             inv_cos: InvCos::ONE,
+            reel: None,
         },
         drive: Drive::Off,
     };

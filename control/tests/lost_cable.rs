@@ -44,6 +44,7 @@ impl Unit {
             setpoint: Setpoint {
                 tension: Newton::from_un(setpoint_un),
                 inv_cos: InvCos::from_q16(1 << 16),
+                reel: None,
             },
             drive,
         };

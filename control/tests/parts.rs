@@ -421,7 +421,7 @@ proptest! {
         let mut estimator = DirectionEstimator::default();
         let mut last = 0i64;
         for (travel, error) in steps {
-            let d = i64::from(estimator.step(&model, travel, Newton::from_bits(error)).q30());
+            let d = i64::from(estimator.step(&model, travel, Newton::from_bits(error), None).q30());
             prop_assert!(d.abs() <= i64::from(Direction::ONE));
             prop_assert!((d - last).abs() <= DirectionEstimator::MAX_STEP);
             last = d;
@@ -435,7 +435,7 @@ fn direction_follows_travel_and_survives_jitter() {
     let mut estimator = DirectionEstimator::default();
     let count = 4_229;
     for _ in 0..100 {
-        estimator.step(&model, 10 * count, Newton::ZERO);
+        estimator.step(&model, 10 * count, Newton::ZERO, None);
     }
     assert_eq!(estimator.direction().q30(), Direction::ONE);
     // A jitter of one count for any time: nothing moves.
@@ -444,19 +444,25 @@ fn direction_follows_travel_and_survives_jitter() {
             &model,
             if n % 2 == 0 { -count } else { count },
             Newton::ZERO,
+            None,
         );
     }
     assert_eq!(estimator.direction().q30(), Direction::ONE);
     // At rest it stays, with noise of the tension as well.
     for n in 0..10_000 {
-        estimator.step(&model, 0, newton(if n % 3 == 0 { 0.0099 } else { -0.0099 }));
+        estimator.step(
+            &model,
+            0,
+            newton(if n % 3 == 0 { 0.0099 } else { -0.0099 }),
+            None,
+        );
     }
     assert_eq!(estimator.direction().q30(), Direction::ONE);
     // Reversing takes the reversal travel and one or two counts of play, and passes through the middle.
     let mut travelled = 0;
     let mut middle = false;
     while estimator.direction().q30() > -Direction::ONE {
-        estimator.step(&model, -count, Newton::ZERO);
+        estimator.step(&model, -count, Newton::ZERO, None);
         travelled += count;
         middle |= estimator.direction().q30().abs() < Direction::ONE / 4;
         assert!(travelled < 200_000, "never reversed");
@@ -472,16 +478,16 @@ fn direction_of_a_resting_reel_follows_the_error() {
     let model = Model::new(&Config::nominal());
     let mut estimator = DirectionEstimator::default();
     for _ in 0..20 {
-        estimator.step(&model, 0, newton(0.2));
+        estimator.step(&model, 0, newton(0.2), None);
     }
     assert_eq!(estimator.direction().q30(), Direction::ONE);
     for _ in 0..40 {
-        estimator.step(&model, 0, newton(-0.2));
+        estimator.step(&model, 0, newton(-0.2), None);
     }
     assert_eq!(estimator.direction().q30(), -Direction::ONE);
     // While it moves the error has no effect.
     for _ in 0..50 {
-        estimator.step(&model, -20_000, newton(3.0));
+        estimator.step(&model, -20_000, newton(3.0), None);
     }
     assert_eq!(estimator.direction().q30(), -Direction::ONE);
 }

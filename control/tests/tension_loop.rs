@@ -3,6 +3,10 @@
 //! Two rigs: the project's plant, and a model of its own in `common/simple.rs` with as little in common
 //! with it as possible, so that the defaults are not tuned to one model's ways.
 
+#[path = "common/plants.rs"]
+mod plants;
+#[path = "common/preview.rs"]
+mod preview;
 #[path = "common/rig.rs"]
 mod rig;
 #[path = "common/simple.rs"]
@@ -11,6 +15,7 @@ mod simple;
 use control::unit::Drive;
 use control::{Config, DacCode, Fault};
 use plant::PlantConfig;
+use plants::scale_friction;
 use wire::message::{flags, FilterChoice, UnitConfig};
 
 /// The bound of the project: RMS of the real rig's best run.
@@ -38,47 +43,6 @@ fn holds_the_tension_while_the_tip_moves() {
     assert!(without < BOUND_N, "{without} N");
     // The feedforward is worth having.
     assert!(with < without, "{with} N with, {without} N without");
-}
-
-/// Friction that differs from the declared one, one property at a time, each changed both ways.
-fn other_plants() -> Vec<(&'static str, PlantConfig)> {
-    let changed = |change: fn(&mut PlantConfig)| {
-        let mut plant = PlantConfig::default();
-        change(&mut plant);
-        plant
-    };
-    vec![
-        ("as declared", PlantConfig::default()),
-        (
-            "half the presliding distance",
-            changed(|p| p.friction.presliding_m *= 0.5),
-        ),
-        (
-            "twice the presliding distance",
-            changed(|p| p.friction.presliding_m *= 2.0),
-        ),
-        (
-            "no breakaway",
-            changed(|p| p.friction.breakaway_ratio = 1.0),
-        ),
-        (
-            "twice the breakaway",
-            changed(|p| p.friction.breakaway_ratio += p.friction.breakaway_ratio - 1.0),
-        ),
-        (
-            "half the cable's stiffness",
-            changed(|p| p.cable.axial_stiffness_n *= 0.5),
-        ),
-        (
-            "twice the cable's stiffness",
-            changed(|p| p.cable.axial_stiffness_n *= 2.0),
-        ),
-    ]
-}
-
-fn scale_friction(plant: &mut PlantConfig, factor: f64) {
-    plant.friction.coulomb_n *= factor;
-    plant.friction.per_load *= factor;
 }
 
 /// Over all cables. One alone may still be held worse in its first reversals, before the level is learned: with a fifth less
@@ -143,7 +107,7 @@ fn the_level_of_friction_is_learned_and_given_up_with_the_configuration() {
 
 #[test]
 fn the_feedforward_helps_every_cable_also_where_friction_is_another() {
-    for (name, plant) in other_plants() {
+    for (name, plant) in plants::other() {
         let errors = |wire: &UnitConfig| rig::tension_errors(plant.clone(), 5, wire, 12.0);
         let (with, without) = (errors(&Config::nominal()), errors(&without_feedforward()));
         for (i, ((with, _), (without, _))) in with.iter().zip(&without).enumerate() {

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | where is the tip for these joints, and back | [`kinematics`] |
 //! | where shall the joints be at each time | [`trajectory`] |
+//! | how fast does the tip move | [`motion`] |
 //! | what does a robot tell, in which frame, with which sign, on which clock | [`state`] |
 //! | what is true of CRTK topics and of the Raven's own message | [`crtk`], [`ravenstate`] |
 //! | is it one robot, alive, with a clock that runs | [`watch`] |
@@ -19,6 +20,7 @@
 pub mod arm;
 pub mod crtk;
 pub mod kinematics;
+pub mod motion;
 pub mod random;
 pub mod ravenstate;
 pub mod source;

@@ -300,9 +300,10 @@ mod tests {
         #[test]
         fn setpoints_survive_any_chunking(
             seq: u16, valid_ms: u16, tension: [i32; crate::UNITS], cos: [i32; crate::UNITS],
-            direction: [[i16; 3]; crate::UNITS], noise in proptest::collection::vec(1u8.., 0..40)
+            direction: [[i16; 3]; crate::UNITS],
+            reel: [Option<i32>; crate::UNITS], noise in proptest::collection::vec(1u8.., 0..40)
         ) {
-            let units = core::array::from_fn(|n| UnitSetpoint { tension_un: tension[n], inv_cos_q16: cos[n], direction_q14: direction[n] });
+            let units = core::array::from_fn(|n| UnitSetpoint { tension_un: tension[n], inv_cos_q16: cos[n], direction_q14: direction[n], reel_um_per_s: reel[n] });
             let frame = HostFrame { seq, command: Command::Setpoints { valid_ms, units } };
             let mut out = [0; MAX_FRAME];
             let length = encode(&frame, &mut out).unwrap();

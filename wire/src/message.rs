@@ -100,6 +100,10 @@ pub struct UnitSetpoint {
     /// times direction over all units and stops above [`BoardConfig::tip_force_limit_un`]. All zero: not known; the
     /// tension then counts in full, whatever its direction.
     pub direction_q14: [i16; 3],
+    /// Speed at which the reel will have to wind in while the setpoint holds, because the robot moves, in micrometres a second of
+    /// cable; negative: pay out; -1,000,000 to 1,000,000. The friction feedforward expects it of a reel that rests. `None`: not
+    /// known, or not well enough; the encoder then shows the direction alone.
+    pub reel_um_per_s: Option<i32>,
 }
 
 /// 1 in [`UnitSetpoint::direction_q14`].

@@ -71,6 +71,7 @@ fn commands() {
         tension_un: 3_000_000,
         inv_cos_q16: 66_000,
         direction_q14: [DIRECTION_ONE, 0, -1],
+        reel_um_per_s: None,
     };
     let commands = [
         Command::Hello {

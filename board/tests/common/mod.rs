@@ -236,6 +236,7 @@ impl Bench {
             tension_un,
             inv_cos_q16: 65_536,
             direction_q14: self.directions[unit],
+            reel_um_per_s: None,
         });
         self.ask(
             0,

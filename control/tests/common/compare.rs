@@ -2,6 +2,7 @@
 #![allow(dead_code)] // each user takes a part
 
 use crate::reference::Reference;
+use control::friction::ReelSpeed;
 use control::unit::{Drive, Setpoint};
 use control::{AdcCode, Config, Controller, EncoderCounts, Input, InvCos, Micros, Newton, State};
 use wire::message::{CellCorrection, FilterChoice, Ripple, UnitConfig};
@@ -136,6 +137,9 @@ fn one_run(r: &mut Random, wire: &UnitConfig, length: u64, found: &mut Found) {
     let (mut speed, mut ripple, mut inv_cos) = (0.0, 0.0, r.between(1.0, 2.0));
     let mut setpoint = r.between(0.5, limit.min(12.0));
     let mut drive = Drive::Follow;
+    // What the host expects: nothing, about the truth, or anything.
+    let told = (r.unit() * 4.0) as u32;
+    let mut reel_um_per_s = None;
     for n in 0..length {
         // A force around the setpoint, so that the integral lives, with noise, waves, spikes and steps.
         ripple = 0.98 * ripple + 0.05 * r.normal();
@@ -159,6 +163,13 @@ fn one_run(r: &mut Random, wire: &UnitConfig, length: u64, found: &mut Found) {
             0.99 * speed + 4.0 * r.normal()
         };
         counts += if r.chance(0.3) { 0.0 } else { speed };
+        let um_per_s = speed * f64::from(wire.travel_nm_per_count) * 0.32;
+        reel_um_per_s = match told {
+            1 => Some(um_per_s as i32),
+            2 if r.chance(0.3) => r.chance(0.8).then(|| (um_per_s + 1e3 * r.normal()) as i32),
+            3 if r.chance(0.05) => r.chance(0.8).then(|| (1e5 * r.normal()) as i32),
+            _ => reel_um_per_s,
+        };
         at = at.wrapping_add(if r.chance(0.01) {
             2.0 * period
         } else {
@@ -171,6 +182,7 @@ fn one_run(r: &mut Random, wire: &UnitConfig, length: u64, found: &mut Found) {
             setpoint: Setpoint {
                 tension: Newton::from_un((setpoint * 1e6) as i32),
                 inv_cos: InvCos::from_q16((inv_cos * 65_536.0) as i32),
+                reel: reel_um_per_s.map(ReelSpeed::from_um_per_s),
             },
             drive,
         };

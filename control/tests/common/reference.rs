@@ -53,6 +53,11 @@ pub struct Reference {
     lost_nm: f64,
     travel_nm: f64,
     level: Level,
+    /// Expected less measured travel in nm, samples of doubt, and the elements of presliding friction.
+    lead_nm: f64,
+    doubt: u32,
+    elements: Option<[f64; 4]>,
+    foretold: bool,
 }
 
 /// Friction over that of the model, as the integral shows it at reversals.
@@ -75,7 +80,7 @@ impl Level {
     }
 
     /// What the integral gives up.
-    fn slid(&mut self, inwards: bool, integral: f64, half: f64) -> f64 {
+    fn slid(&mut self, inwards: bool, integral: f64, half: f64, share: f64) -> f64 {
         self.rested = 0;
         if inwards != self.inwards {
             self.before = (self.samples >= 64).then_some(self.mean);
@@ -90,8 +95,7 @@ impl Level {
             return 0.0;
         };
         let sign = if inwards { 1.0 } else { -1.0 };
-        // The feedforward takes nine tenths of the friction: the integral keeps one.
-        let share = control::friction::REVERSAL_SHARE_Q16 as f64 / 65_536.0;
+        // The feedforward takes nine tenths of the friction or all of it: the integral keeps the rest.
         let left = half * (1.0 + self.excess) * (1.0 / share - 1.0);
         let missing = (sign * (self.mean - before) / 2.0 - left).clamp(-2.0, 2.0);
         let excess = (self.excess + missing / half).clamp(-0.4, 0.4);
@@ -136,6 +140,10 @@ impl Reference {
             lost_nm: 0.0,
             travel_nm: 0.0,
             level: Level::default(),
+            lead_nm: 0.0,
+            doubt: 0,
+            elements: None,
+            foretold: false,
         }
     }
 
@@ -208,7 +216,7 @@ impl Reference {
     }
 
     /// The feedforward, and half of what it jumps by in a reversal, without the level.
-    fn friction(&self, tension: f64, counts: i64) -> (f64, f64) {
+    fn friction(&self, tension: f64, counts: i64, share: f64) -> (f64, f64) {
         if !self.wire.friction_feedforward {
             return (tension, 0.0);
         }
@@ -235,14 +243,38 @@ impl Reference {
         let base = tension - micro(self.wire.friction_offset_un) + viscous - ripples;
         let winding_in = (base + c0) / (gain - c1);
         let paying_out = (base - c0) / (gain + c1);
-        // Less the margin of the feedforward.
-        let share = control::friction::REVERSAL_SHARE_Q16 as f64 / 65_536.0;
         let half = (winding_in - paying_out) / 2.0 * share;
         let middle = (winding_in + paying_out) / 2.0;
         (
             middle + self.direction * half * (1.0 + self.level.excess),
             half,
         )
+    }
+
+    /// The travel that the host foretells for this sample, where it is believed.
+    fn foretold(
+        &mut self,
+        input: &Input,
+        travel_nm: f64,
+        spans: f64,
+        margin: &mut f64,
+    ) -> Option<f64> {
+        self.doubt = self.doubt.saturating_sub(1);
+        let Some(speed) = input.setpoint.reel else {
+            self.lead_nm = 0.0;
+            return None;
+        };
+        let expected_nm = f64::from(speed.nm_q8()) / 256.0 * spans;
+        self.lead_nm = (self.lead_nm + expected_nm - travel_nm).clamp(-2e6, 2e6);
+        self.lead_nm -= self.lead_nm / 128.0;
+        // Fixed point rounds up to a 256th of a nanometre away in each of the 128 samples that count.
+        if (self.lead_nm.abs() - 5e5).abs() < 1.0 {
+            *margin = 0.0;
+        }
+        if self.lead_nm.abs() > 5e5 {
+            self.doubt = 255;
+        }
+        (self.doubt == 0).then_some(expected_nm)
     }
 
     pub fn step(&mut self, input: &Input) -> Answer {
@@ -298,9 +330,27 @@ impl Reference {
             0.0
         };
         let beyond = (error - error.clamp(-0.01, 0.01)).clamp(-4.0, 4.0);
-        let change = 2.0 * (position - self.slack_nm) / f64::from(w.reversal_nm)
-            + 154.0 / 256.0 * beyond * still;
-        self.direction = (self.direction + change.clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
+        let used_up = position - self.slack_nm;
+        let intent = 154.0 / 256.0 * beyond * still;
+        let foretold_nm = self.foretold(input, travel, spans, &mut margin);
+        if let Some(foretold_nm) = foretold_nm {
+            let weight = (8.0 * still).min(1.0);
+            let used = used_up + weight * (foretold_nm.clamp(-largest, largest) - used_up);
+            let mut elements = self.elements.unwrap_or([self.direction; 4]);
+            for (n, element) in elements.iter_mut().enumerate() {
+                // Quarters of 0.7 times half of the configured reversal.
+                let slips_nm = 0.35 * f64::from(w.reversal_nm) * (n + 1) as f64 / 4.0;
+                let change = (used / slips_nm).clamp(-1.0, 1.0) + intent.clamp(-1.0, 1.0);
+                let change = change.clamp(-1.0, 1.0);
+                *element = (*element + change).clamp(-1.0, 1.0);
+            }
+            self.elements = Some(elements);
+            self.direction = elements.iter().sum::<f64>() / 4.0;
+        } else {
+            self.elements = None;
+            let change = 2.0 * used_up / f64::from(w.reversal_nm) + intent;
+            self.direction = (self.direction + change.clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
+        }
 
         // Trips.
         let direct = gated.max(straight) * inv_cos;
@@ -363,7 +413,29 @@ impl Reference {
                 };
                 self.setpoint = start + (target - start).clamp(-slew / 8.0, slew / 8.0);
                 let error = self.setpoint - tension;
-                let (feedforward, half) = self.friction(self.setpoint, input.encoder_counts.0);
+                let margin_share = control::friction::REVERSAL_SHARE_Q16 as f64 / 65_536.0;
+                let foretold_share = control::friction::FORETOLD_SHARE_Q16 as f64 / 65_536.0;
+                let share_of = |foretold| {
+                    if foretold {
+                        foretold_share
+                    } else {
+                        margin_share
+                    }
+                };
+                let share = share_of(foretold_nm.is_some());
+                let (feedforward, half) =
+                    self.friction(self.setpoint, input.encoder_counts.0, share);
+                if foretold_nm.is_some() != self.foretold {
+                    // The command goes on without a jump.
+                    let before = half * share_of(self.foretold) / share;
+                    let level = 1.0 + self.level.excess;
+                    self.integral -= self.direction * level * (half - before);
+                    self.foretold = foretold_nm.is_some();
+                    self.level = Level {
+                        excess: self.level.excess,
+                        ..Level::default()
+                    };
+                }
                 let p = q16(w.kp_q16) * error;
                 let derivative = if self.closed {
                     -q16(w.kd_q16) * RATE * rise / spans
@@ -422,7 +494,7 @@ impl Reference {
                     self.level.pause();
                 } else {
                     let inwards = self.direction > 0.0;
-                    self.integral -= self.level.slid(inwards, self.integral, half);
+                    self.integral -= self.level.slid(inwards, self.integral, half, share);
                 }
                 answer = Answer {
                     p,

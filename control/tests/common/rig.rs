@@ -2,6 +2,7 @@
 //! sinc4 filters, encoder counts, DAC codes. What the firmware adds (bus, queue) is a delay here.
 #![allow(dead_code)] // each user takes a part
 
+use control::friction::ReelSpeed;
 use control::unit::{Drive, Setpoint};
 use control::zero::{Averager, Progress};
 use control::{
@@ -57,6 +58,8 @@ pub struct Unit {
     pub config: Config,
     pub state: State,
     pub setpoint_n: f64,
+    /// Speed of the reel that comes with the setpoint.
+    pub reel_um_per_s: Option<i32>,
     pub drive: Drive,
     pub output: Output,
     pub spikes: Option<Noise>,
@@ -88,6 +91,7 @@ impl Rig {
                     config: Config::from_wire(&wire).expect("in range"),
                     state: State::default(),
                     setpoint_n: 0.0,
+                    reel_um_per_s: None,
                     drive: Drive::Off,
                     output: Output::default(),
                     spikes: None,
@@ -140,6 +144,7 @@ impl Rig {
                 setpoint: Setpoint {
                     tension: Newton::from_un((unit.setpoint_n * 1e6) as i32),
                     inv_cos: sample.inv_cos,
+                    reel: unit.reel_um_per_s.map(ReelSpeed::from_um_per_s),
                 },
                 drive: unit.drive,
             };
@@ -233,6 +238,17 @@ pub fn tension_errors(
     wire: &UnitConfig,
     seconds: f64,
 ) -> Vec<(f64, f64)> {
+    errors_with(plant, seed, wire, seconds, |_| {})
+}
+
+/// The same with a host that acts before each step.
+pub fn errors_with(
+    plant: PlantConfig,
+    seed: u64,
+    wire: &UnitConfig,
+    seconds: f64,
+    mut host: impl FnMut(&mut Rig),
+) -> Vec<(f64, f64)> {
     let mut rig = Rig::new(plant, seed, wire);
     let start = rig.time_s();
     for unit in &mut rig.units {
@@ -248,6 +264,7 @@ pub fn tension_errors(
         for (i, unit) in rig.units.iter_mut().enumerate() {
             unit.setpoint_n = 4.1 + 1.9 * (0.4 * t + i as f64).sin();
         }
+        host(&mut rig);
         rig.advance(|_, _, _| {});
         if t > 3.0 {
             count += 1.0;

@@ -66,6 +66,7 @@ pub fn rms_while_moving(wire: &UnitConfig, stiffness_n_per_m: f64) -> f64 {
                 setpoint: Setpoint {
                     tension: Newton::from_un((setpoint * 1e6) as i32),
                     inv_cos: InvCos::ONE,
+                    reel: None,
                 },
                 drive: Drive::Follow,
             };

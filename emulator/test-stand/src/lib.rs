@@ -127,6 +127,7 @@ impl<'l> Stand<'l> {
                 direction_q14: rig.units[unit]
                     .cable_at(tip)
                     .map_or([0; 3], |(direction, _)| direction_q14(&direction)),
+                reel_um_per_s: None,
             })));
     }
 

@@ -179,7 +179,7 @@ fn load(figures: &mut Figures, run: &Run) {
     figures.add(
         "instructions_per_sample",
         quantile(&instructions, 0.5),
-        Goal::AtMost(2000.0),
+        Goal::AtMost(2200.0),
         "from the I2C result to the DAC word, median, interrupts in between included",
     );
     figures.add(

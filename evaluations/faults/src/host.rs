@@ -271,6 +271,7 @@ impl Host {
                 } else {
                     direction.map_or([0; 3], |d| direction_q14(&d))
                 },
+                reel_um_per_s: None,
             }
         });
         Command::Setpoints {

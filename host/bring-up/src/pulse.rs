@@ -168,6 +168,7 @@ fn setpoints(unit: usize, command_n: f64) -> [UnitSetpoint; UNITS] {
         inv_cos_q16: 1 << 16,
         // Not known: the board counts each tension in full against its limit of the force at the tip.
         direction_q14: [0; 3],
+        reel_um_per_s: None,
     })
 }
 
@@ -253,6 +254,7 @@ mod tests {
                             tension_un,
                             inv_cos_q16: 1 << 16,
                             direction_q14: [0; 3],
+                            reel_um_per_s: None,
                         },
                     )
                 };

@@ -127,6 +127,7 @@ fn the_board_ends_a_pulse_by_itself() {
             tension_un: if i == 1 { tension_un } else { 0 },
             inv_cos_q16: 1 << 16,
             direction_q14: [0; 3],
+            reel_um_per_s: None,
         })
     };
     session

@@ -8,6 +8,7 @@
 
 use super::raven::{RavenLoop, RAVEN_CYCLE, REEL_RADIUS_M};
 use force::controller::{ControlError, Controller as ForceController, Input as ForceInput};
+use force::preview::Moment;
 use nalgebra::Vector3;
 use rig::Rig;
 use run::{ready_board, NoopObserver, Prepared, RunError, Zeroing};
@@ -185,6 +186,10 @@ impl<'a> Hold<'a> {
         let output = self.force.step(&ForceInput {
             dt_s: RAVEN_CYCLE.as_secs_f64() * FORCE_EVERY as f64,
             tip_m,
+            moment: session.tip_m().map(|(_, at_ns)| Moment {
+                tip_s: at_ns as f64 * 1e-9,
+                now_s: session.now_ns() as f64 * 1e-9,
+            }),
             tension_n: session.tension_n().map(|t| t.map(|(tension, _)| tension)),
             available: self.prepared.available,
             commanded_n: if t_s >= 0.0 {

@@ -210,9 +210,9 @@ impl Puller {
             let unit = self.rig.units[one.plus].number;
             return Err(ControlError::Angle { unit, angle: 60.0 });
         };
-        let setpoints = self
-            .controller
-            .setpoints_for(input.tip_m, input.available, tension_n)?;
+        let setpoints =
+            self.controller
+                .setpoints_for(input.tip_m, input.moment, input.available, tension_n)?;
         let zero = problem(&self.rig, &cables, &input.available);
         Ok(Pulled {
             setpoints,

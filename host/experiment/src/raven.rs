@@ -52,6 +52,7 @@ impl RavenLoop {
                 tension_un: 0,
                 inv_cos_q16: 65_536,
                 direction_q14: [0; 3],
+                reel_um_per_s: None,
             }; UNITS],
             fresh: [None; UNITS],
             underway: VecDeque::new(),

@@ -236,8 +236,8 @@ struct Run<'a> {
     file_error: Option<ExperimentError>,
     /// Rows that the recorder has.
     recorded: usize,
-    /// The newest usable tip, rig frame, m.
-    newest: Option<Vector3<f64>>,
+    /// The newest usable tip, rig frame, m, and when its state came, ns.
+    newest: Option<(Vector3<f64>, Option<i64>)>,
     /// Which states become rows.
     rate: RowRate,
     plant: VecDeque<PlantTruth>,
@@ -250,6 +250,8 @@ struct Run<'a> {
     commanded_since_ns: Option<u64>,
 }
 
-fn tip_of(state: &RobotState) -> Option<Vector3<f64>> {
-    state.tip.as_ref().map(|tip| tip.position_m.into())
+/// The tip, and when its state came, ns.
+fn tip_of(state: &RobotState) -> Option<(Vector3<f64>, Option<i64>)> {
+    let received_ns = state.received.as_ref().map(|stamp| stamp.t_ns);
+    (state.tip.as_ref()).map(|tip| (tip.position_m.into(), received_ns))
 }

@@ -18,6 +18,7 @@
 //! A unit that is not available (faulted, switched off) gets no share; the force is allocated to the rest.
 
 use crate::allocation::{Allocation, AllocationError, Allocator, Fraction, Problem};
+use crate::preview::{reel_um_per_s, Moment, Preview};
 use nalgebra::Vector3;
 use rig::{Rig, UnitSettings};
 use wire::message::UnitSetpoint;
@@ -33,6 +34,8 @@ pub struct Input {
     pub dt_s: f64,
     /// Tip of the robot, base frame, m.
     pub tip_m: Vector3<f64>,
+    /// When it was there; `None`: not known, and no reel's speed is sent.
+    pub moment: Option<Moment>,
     /// Cable tensions that the board measured, N; `None` where there is no new value.
     pub tension_n: [Option<f64>; UNITS],
     /// Units that can pull.
@@ -140,6 +143,7 @@ pub struct Controller {
     slewed_n: Vector3<f64>,
     integral_n: Vector3<f64>,
     tension_n: [f64; UNITS],
+    preview: Preview,
 }
 
 impl Controller {
@@ -154,6 +158,7 @@ impl Controller {
             slewed_n: Vector3::zeros(),
             integral_n: Vector3::zeros(),
             tension_n: [0.0; UNITS],
+            preview: Preview::default(),
         })
     }
 
@@ -201,10 +206,12 @@ impl Controller {
         if !allocation.feasible {
             self.integral_n = unwound(self.integral_n, compensated_n - allocation.force_n);
         }
+        let velocity = self.preview.see(input.tip_m, input.moment);
         let setpoints = core::array::from_fn(|i| UnitSetpoint {
             tension_un: self.rig.units[i].setpoint_un(allocation.tension_n[i]),
             inv_cos_q16: cables.inv_cos_q16[i],
             direction_q14: control::geometry::direction_q14(&cables.directions[i]),
+            reel_um_per_s: velocity.and_then(|v| reel_um_per_s(&cables.directions[i], &v)),
         });
         Ok(Output {
             setpoints,
@@ -220,16 +227,18 @@ impl Controller {
         })
     }
 
-    /// Setpoints for given cable tensions, N, at this tip (robot base frame, m). Units that are not available get 0.
+    /// Setpoints for given cable tensions, N, at this tip (robot base frame, m), which was there at `moment`. Units that are not available get 0.
     ///
     /// # Errors
     /// As [`Controller::step`], apart from the allocation.
     pub fn setpoints_for(
-        &self,
+        &mut self,
         tip_m: Vector3<f64>,
+        moment: Option<Moment>,
         available: [bool; UNITS],
         tension_n: [f64; UNITS],
     ) -> Result<[UnitSetpoint; UNITS], ControlError> {
+        let velocity = self.preview.see(tip_m, moment);
         let cables = Cables::at(&self.rig, tip_m, &available)?;
         Ok(core::array::from_fn(|i| UnitSetpoint {
             tension_un: if available[i] {
@@ -239,6 +248,7 @@ impl Controller {
             },
             inv_cos_q16: cables.inv_cos_q16[i],
             direction_q14: control::geometry::direction_q14(&cables.directions[i]),
+            reel_um_per_s: velocity.and_then(|v| reel_um_per_s(&cables.directions[i], &v)),
         }))
     }
 
@@ -372,6 +382,7 @@ mod tests {
         Input {
             dt_s: 0.01,
             tip_m: rig.workspace.center_m,
+            moment: None,
             tension_n: [Some(0.0); UNITS],
             available: [true; UNITS],
             commanded_n: Vector3::new(0.0, 2.5, 0.0),
@@ -512,6 +523,38 @@ mod tests {
         let last = outputs.last().unwrap();
         assert!(!last.reach.feasible);
         assert!(last.reach.residual_n > 2.0, "{:?}", last.reach);
+    }
+
+    #[test]
+    fn the_setpoints_tell_how_fast_the_tip_moves_each_reel() {
+        let rig = rig();
+        let velocity = Vector3::new(0.008, -0.004, 0.002);
+        let moves = |timed: bool| {
+            let (_, outputs) = run(&rig, 200, |cycle, input| {
+                let now_s = cycle as f64 * 0.01;
+                input.tip_m += velocity * (now_s - 1.0);
+                input.moment = timed.then_some(Moment {
+                    tip_s: now_s,
+                    now_s,
+                });
+            });
+            *outputs.last().unwrap()
+        };
+        for (i, setpoint) in moves(true).setpoints.iter().enumerate() {
+            let told = f64::from(setpoint.reel_um_per_s.unwrap());
+            // The length that the cable loses in a second between reel and tip.
+            let length = |t: f64| {
+                let tip_m = rig.workspace.center_m + velocity * (1.0 + t);
+                (rig.units[i].exit_m - tip_m).norm()
+            };
+            let expected = (length(-0.005) - length(0.005)) * 1e8;
+            assert!(
+                (told - expected).abs() < 150.0,
+                "unit {i}: {told}, {expected}"
+            );
+        }
+        let untimed = moves(false).setpoints;
+        assert!(untimed.iter().all(|s| s.reel_um_per_s.is_none()));
     }
 
     #[test]

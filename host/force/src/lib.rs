@@ -5,3 +5,4 @@ pub mod controller;
 pub mod feasibility;
 pub mod metrics;
 pub mod pose;
+pub mod preview;

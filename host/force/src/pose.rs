@@ -14,6 +14,7 @@
 //!   tip that jumps, another `frame_id`, a second sender, and an `operating_state` that is FAULT or DISABLED stop the rig.
 //! * `source = "static"`: the tip is clamped at `position_m`.
 
+use crate::preview::Moment;
 use nalgebra::Vector3;
 use rig::PoseChoice;
 use robot::source::{Source, SourceError, Udp, UdpConfig};
@@ -77,6 +78,8 @@ pub struct UdpPoses {
     max_age_s: f64,
     /// The newest pose and when it came, ns since `began`.
     newest: Option<(i64, Vector3<f64>)>,
+    /// When it was asked for, ns since `began`.
+    asked_ns: i64,
     began: Instant,
     since: Instant,
     bad: u64,
@@ -107,6 +110,32 @@ impl PoseSource {
             Self::Static(position_m) => Ok(*position_m),
             Self::Udp(poses) => poses.newest(),
         }
+    }
+
+    /// The tip as [`Self::tip_m`] has it, and when it was there. `from_link`: what the link reported last, and when, ns; `now_ns`: the link's
+    /// time. A clamped tip has no time.
+    ///
+    /// # Errors
+    /// As [`Self::tip_m`].
+    pub fn tip(
+        &mut self,
+        from_link: Option<([f64; 3], u64)>,
+        now_ns: u64,
+    ) -> Result<(Vector3<f64>, Option<Moment>), PoseError> {
+        let tip_m = self.tip_m(from_link.map(|(tip_m, _)| tip_m.into()))?;
+        let s = |ns: f64| ns * 1e-9;
+        let moment = match self {
+            Self::Rig => from_link.map(|(_, at_ns)| Moment {
+                tip_s: s(at_ns as f64),
+                now_s: s(now_ns as f64),
+            }),
+            Self::Static(_) => None,
+            Self::Udp(poses) => poses.newest.map(|(at_ns, _)| Moment {
+                tip_s: s(at_ns as f64),
+                now_s: s(poses.asked_ns as f64),
+            }),
+        };
+        Ok((tip_m, moment))
     }
 
     /// Drops every pose that was received until now, also those that wait in the socket: only a later one counts.
@@ -151,6 +180,7 @@ impl UdpPoses {
             listen: listen.to_owned(),
             max_age_s,
             newest: None,
+            asked_ns: 0,
             began: Instant::now(),
             since: Instant::now(),
             bad: 0,
@@ -159,6 +189,7 @@ impl UdpPoses {
 
     fn newest(&mut self) -> Result<Vector3<f64>, PoseError> {
         let now_ns = i64::try_from(self.began.elapsed().as_nanos()).unwrap_or(i64::MAX);
+        self.asked_ns = now_ns;
         let wrong = |listen: &str, event| PoseError::Robot {
             listen: listen.to_owned(),
             event,

@@ -226,6 +226,7 @@ impl Excitation<'_> {
                 tension_un: 0,
                 inv_cos_q16: 1 << 16,
                 direction_q14: [0; 3],
+                reel_um_per_s: None,
             }; UNITS],
             inv_cos: [1.0; UNITS],
             force_n: Vector3::zeros(),
@@ -247,6 +248,7 @@ impl Excitation<'_> {
                 tension_un: unit.setpoint_un(command_n(unit, i, t_s, self.swing)),
                 inv_cos_q16: q16,
                 direction_q14: control::geometry::direction_q14(&direction),
+                reel_um_per_s: None,
             };
         }
         Ok(cycle)

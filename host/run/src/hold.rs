@@ -187,12 +187,11 @@ impl<'a> Hold<'a> {
 
     /// The controller's input: pose, tensions that are recent enough, commanded force.
     fn input(&mut self, session: &Session<'_>, t_s: f64) -> Result<Input, RunError> {
-        let tip_m = self
-            .pose
-            .tip_m(session.pose().map(|pose| pose.position_m.into()))?;
+        let (tip_m, moment) = self.pose.tip(session.tip_m(), session.now_ns())?;
         Ok(Input {
             dt_s: PERIOD.as_secs_f64(),
             tip_m,
+            moment,
             tension_n: session.recent_tension_n(),
             available: self.available,
             commanded_n: if t_s >= 0.0 {

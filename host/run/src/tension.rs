@@ -147,15 +147,16 @@ fn hold(
         {
             return Ok(sums.outcome(held_s, interrupted));
         }
-        let tip_m = pose.tip_m(session.pose().map(|pose| pose.position_m.into()))?;
+        let (tip_m, moment) = pose.tip(session.tip_m(), session.now_ns())?;
         let measured = session.recent_tension_n();
         let setpoints = match options.tension_n {
-            Some(tension_n) => controller.setpoints_for(tip_m, available, tension_n)?,
+            Some(tension_n) => controller.setpoints_for(tip_m, moment, available, tension_n)?,
             None => {
                 controller
                     .step(&Input {
                         dt_s: PERIOD.as_secs_f64(),
                         tip_m,
+                        moment,
                         tension_n: measured,
                         available,
                         commanded_n: Vector3::zeros(),

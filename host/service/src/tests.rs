@@ -707,6 +707,7 @@ fn setpoints_that_wait_are_replaced_and_not_queued() {
             tension_un,
             inv_cos_q16: 65_536,
             direction_q14: [0; 3],
+            reel_um_per_s: None,
         }; UNITS],
     };
     let commands = [

@@ -164,6 +164,12 @@ impl<'l> Session<'l> {
         self.pose
     }
 
+    /// The tip of [`Self::pose`] and when it was reported, ns ([`Self::now_ns`]).
+    #[must_use]
+    pub fn tip_m(&self) -> Option<([f64; 3], u64)> {
+        self.pose.map(|pose| (pose.position_m, self.pose_ns))
+    }
+
     /// Counters of the link.
     #[must_use]
     pub fn counters(&self) -> LinkCounters {

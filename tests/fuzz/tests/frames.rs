@@ -36,6 +36,7 @@ fn commands() -> Vec<HostFrame> {
         tension_un: 3_000_000,
         inv_cos_q16: 66_000,
         direction_q14: [16_384, 0, 0],
+        reel_um_per_s: None,
     };
     let hello = Command::Hello {
         abi: ABI_VERSION,

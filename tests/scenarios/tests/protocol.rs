@@ -114,6 +114,7 @@ fn setpoints_out_of_range_drive_nothing() {
                 tension_un,
                 inv_cos_q16,
                 direction_q14: [0; 3],
+                reel_um_per_s: None,
             }; UNITS],
         ));
         stand.truth();

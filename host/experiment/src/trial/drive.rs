@@ -8,6 +8,7 @@ use super::super::raven::{RavenLoop, RAVEN_CYCLE};
 use super::{robot_gone, tip_of, End, Run, Setup};
 use force::controller::{ControlError, Input};
 use force::metrics::Step;
+use force::preview::Moment;
 use nalgebra::Vector3;
 use robot::source::SourceConfig;
 use robot::state::{Acts, Frame, Meaning, Operating, TipForce};
@@ -216,12 +217,16 @@ impl Run<'_> {
         prepared: &Prepared,
         t_s: f64,
     ) -> Result<(Input, Pulled), End> {
-        let tip_m = self
+        let (tip_m, at_ns) = self
             .newest
             .ok_or_else(|| End::Stopped("the robot's tip is not known".to_owned()))?;
         let input = Input {
             dt_s: PERIOD.as_secs_f64(),
             tip_m,
+            moment: at_ns.map(|at_ns| Moment {
+                tip_s: at_ns as f64 * 1e-9,
+                now_s: session.now_ns() as f64 * 1e-9,
+            }),
             tension_n: session.recent_tension_n(),
             available: prepared.available,
             commanded_n: if t_s >= 0.0 {

@@ -232,6 +232,7 @@ impl Machine {
                 tension_un: (newton[unit] * 1e6) as i32,
                 inv_cos_q16: 65_536,
                 direction_q14,
+                reel_um_per_s: None,
             }
         });
         while self.now_ns < end_ms * MS {

@@ -1,0 +1,154 @@
+//! The host's word on the reels' speeds: what it gains, and that nothing it says is a hazard.
+
+#[path = "common/plants.rs"]
+mod plants;
+#[path = "common/preview.rs"]
+mod preview;
+#[path = "common/rig.rs"]
+mod rig;
+
+use control::preview::{Preview, DOUBT_NM};
+use control::unit::Drive;
+use control::{friction::ReelSpeed, Config};
+use plant::PlantConfig;
+use preview::{Host, Poses};
+
+fn rms(errors: &[(f64, f64)]) -> f64 {
+    (errors.iter().map(|(rms, _)| rms * rms).sum::<f64>() / errors.len() as f64).sqrt()
+}
+
+fn errors(plant: &PlantConfig, seed: u64, poses: Option<Poses>) -> Vec<(f64, f64)> {
+    let mut host = None;
+    rig::errors_with(plant.clone(), seed, &Config::nominal(), 12.0, |rig| {
+        if let Some(poses) = poses {
+            host.get_or_insert_with(|| Host::new(poses, rig, seed))
+                .step(rig);
+        }
+    })
+}
+
+#[test]
+fn it_helps_on_every_plant() {
+    for (name, plant) in plants::all() {
+        let without = rms(&errors(&plant, 5, None));
+        for poses in [Poses::RAVEN, Poses::dvrk(2e-6), Poses::dvrk(5e-6)] {
+            let with = rms(&errors(&plant, 5, Some(poses)));
+            println!("{name}, {poses:?}: {with:.4} N with, {without:.4} N without");
+            // Poses with 5 um are not good enough for a robot as fast, or one that turns back at once.
+            let most = if name.contains("robot") { 1.01 } else { 1.0 };
+            assert!(
+                with < most * without,
+                "{name}, {poses:?}: {with}, {without}"
+            );
+        }
+    }
+}
+
+#[test]
+fn with_poses_that_are_too_noisy_all_is_as_without() {
+    let plant = PlantConfig::default();
+    assert_eq!(
+        errors(&plant, 5, Some(Poses::dvrk(5e-5))),
+        errors(&plant, 5, None)
+    );
+}
+
+/// Largest tension error after a second, N, with a host that tells these speeds; the command stays within what the friction
+/// model permits, and nothing trips.
+fn largest_error(moving: bool, mut told: impl FnMut(f64, usize) -> Option<i32>) -> [f64; 6] {
+    let wire = Config::nominal();
+    let mut rig = rig::Rig::new(PlantConfig::default(), 5, &wire);
+    let start = rig.time_s();
+    let mut worst = [0.0f64; 6];
+    for unit in &mut rig.units {
+        unit.drive = Drive::Follow;
+        unit.setpoint_n = 4.0;
+    }
+    let most = {
+        let winding_in = (4.0 - 0.155 + 0.909) / (1.018 - 0.154);
+        winding_in + f64::from(wire.authority_un) * 1e-6
+    };
+    while rig.time_s() < start + 8.0 {
+        let t = rig.time_s() - start;
+        rig.plant.set_robot_moving(moving && t > 1.0);
+        for (i, unit) in rig.units.iter_mut().enumerate() {
+            unit.reel_um_per_s = told(t, i);
+        }
+        rig.advance(|_, _, output| {
+            assert_eq!(output.fault, None);
+            assert!(
+                output.command.to_f64() < most + 1e-3,
+                "{:?}",
+                output.command
+            );
+        });
+        if t > 1.0 {
+            for (i, worst) in worst.iter_mut().enumerate() {
+                *worst = worst.max((rig.plant.tension_n(i) - 4.0).abs());
+            }
+        }
+    }
+    worst
+}
+
+#[test]
+fn no_speed_that_a_host_can_tell_is_a_hazard() {
+    let full = 1_000_000;
+    let mut random = rig::Noise(9);
+    // By the 10 ms of the host's cycle.
+    let cycle = |t: f64| (t * 100.0) as i64;
+    for moving in [false, true] {
+        let alone = largest_error(moving, |_, _| None);
+        println!("encoder alone: {alone:.3?}");
+        let check = |name: &str, told: &mut dyn FnMut(f64, usize) -> Option<i32>| {
+            let worst = largest_error(moving, told);
+            println!("{name}, moving {moving}: {worst:.3?}");
+            for (unit, worst) in worst.iter().enumerate() {
+                // A whole friction, 3.2 N from one side to the other, and the swing that it starts.
+                assert!(*worst < 4.0, "{name}, unit {unit}: {worst} N");
+            }
+        };
+        for speed in [full, -full, 1_200, -1_200] {
+            check(&format!("always {speed} um/s"), &mut |_, _| Some(speed));
+        }
+        for speed in [full, 20_000, 3_000] {
+            let mut turned =
+                |t: f64, _: usize| Some(if cycle(t) % 2 == 0 { speed } else { -speed });
+            check(&format!("to and fro with {speed} um/s"), &mut turned);
+        }
+        check("anything", &mut |_, _| {
+            let size = 10f64.powf(6.0 * random.unit());
+            Some((size * random.normal().clamp(-1.0, 1.0)) as i32)
+        });
+        check("now and then", &mut |t, _| {
+            (cycle(t) % 3 == 0).then_some(2_000)
+        });
+    }
+}
+
+#[test]
+fn a_speed_of_the_wrong_sign_is_soon_not_believed() {
+    let mut preview = Preview::default();
+    let told = Some(ReelSpeed::from_um_per_s(-5_000));
+    // The reel winds in with 5 mm/s: 15.6 um a sample, 31 um of difference.
+    let believed = (0..400)
+        .take_while(|_| preview.step(told, 15_625, 0).is_some())
+        .count();
+    assert_eq!(believed, (DOUBT_NM / 31_250 + 1) as usize);
+    // It is believed again 0.8 s after the last one that was wrong by as much.
+    let right = Some(ReelSpeed::from_um_per_s(5_000));
+    let doubted = (0..1_000)
+        .take_while(|_| preview.step(right, 15_625, 0).is_none())
+        .count();
+    assert!((254..300).contains(&doubted), "{doubted}");
+}
+
+#[test]
+fn a_speed_comes_through_as_travel() {
+    let mut preview = Preview::default();
+    // 3.2 mm/s are 10 um a nominal sample.
+    let told = Some(ReelSpeed::from_um_per_s(3_200));
+    assert_eq!(preview.step(told, 10_000, 0), Some(10_000 << 8));
+    assert_eq!(preview.step(told, 20_000, 1), Some(20_000 << 8));
+    assert_eq!(preview.step(None, 0, 0), None);
+}
