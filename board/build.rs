@@ -1,5 +1,5 @@
-//! Hands the memory map and the linker scripts to the linker, for the firmware only: host builds of the
-//! pure half link like any program.
+//! Hands the memory map and the linker scripts to the linker, for the firmware only: host builds of
+//! the pure half link like any program.
 
 use std::{env, error::Error, fs, path::PathBuf};
 

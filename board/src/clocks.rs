@@ -11,8 +11,8 @@
 //! LSI 32 kHz -> independent watchdog
 //! ```
 //!
-//! Section numbers are those of RM0433 rev 8. All of it is `const`: a frequency that the part cannot do
-//! stops the build, not the rig.
+//! Section numbers are those of RM0433 rev 8. All of it is `const`: a frequency that the part
+//! cannot do stops the build, not the rig.
 
 /// The crystal clock that the ST-Link feeds into OSC_IN, in hertz.
 pub const HSE_HZ: u32 = 8_000_000;
@@ -22,7 +22,8 @@ pub const CORE_HZ: u32 = 400_000_000;
 pub const AHB_HZ: u32 = CORE_HZ / 2;
 /// Clock of APB1 to APB4 in hertz (all prescalers /2). Kernel clock of I2C1 and USART3.
 pub const APB_HZ: u32 = AHB_HZ / 2;
-/// Clock of the timers on APB1 in hertz: twice APB1 when its prescaler divides (section 8.5.10, TIMPRE=0).
+/// Clock of the timers on APB1 in hertz: twice APB1 when its prescaler divides (section 8.5.10,
+/// TIMPRE=0).
 pub const TIMER_HZ: u32 = APB_HZ * 2;
 /// Low-speed internal oscillator in hertz, nominal.
 pub const LSI_HZ: u32 = 32_000;
@@ -43,8 +44,8 @@ pub const fn has_axi_read_defect(rev_id: u16) -> bool {
     matches!(rev_id, 0x1001 | 0x1003)
 }
 
-/// TRBUFF of DMA_SxCR (section 15.5.5), for streams that serve a USART; 0 on revisions Z and Y, where the bit is reserved
-/// and the lock-up of ES0392 2.20.4 does not occur.
+/// TRBUFF of DMA_SxCR (section 15.5.5), for streams that serve a USART; 0 on revisions Z and Y,
+/// where the bit is reserved and the lock-up of ES0392 2.20.4 does not occur.
 #[must_use]
 pub const fn dma_trbuff(rev_id: u16) -> u32 {
     if has_axi_read_defect(rev_id) {
@@ -125,8 +126,8 @@ impl Pll {
     }
 }
 
-/// Flash wait states and programming delay (LATENCY, WRHIGHFREQ) for an AXI clock at VOS1: section 4.3.8,
-/// table "FLASH recommended number of wait states and programming delay".
+/// Flash wait states and programming delay (LATENCY, WRHIGHFREQ) for an AXI clock at VOS1: section
+/// 4.3.8, table "FLASH recommended number of wait states and programming delay".
 #[must_use]
 pub const fn flash_latency(axi_hz: u32) -> (u8, u8) {
     match axi_hz {
@@ -146,7 +147,8 @@ pub const FLASH_LATENCY: (u8, u8) = flash_latency(AHB_HZ);
 
 /// SCL frequency in hertz, the fastest that multiplexer and converters allow (Fast-mode).
 pub const I2C_HZ: u32 = 400_000;
-/// Rise time of SCL and SDA in nanoseconds: 2.2 kOhm pull-ups into about 100 pF give 0.85 R C = 190 ns.
+/// Rise time of SCL and SDA in nanoseconds: 2.2 kOhm pull-ups into about 100 pF give 0.85 R C = 190
+/// ns.
 pub const I2C_RISE_NS: u32 = 190;
 /// Fall time in nanoseconds (open-drain outputs of the part at medium speed).
 pub const I2C_FALL_NS: u32 = 20;
@@ -156,10 +158,10 @@ pub const I2C_TIMINGR: u32 = i2c_timingr(APB_HZ, I2C_HZ, I2C_RISE_NS, I2C_FALL_N
 /// I2C_TIMINGR for Fast-mode (sections 47.4.5 and 47.4.10, and the I2C-bus specification's table of
 /// Fast-mode times), analog filter on, digital filter off.
 ///
-/// The controller adds a synchronisation delay to each phase: the edge, the analog filter and 2 to 3 kernel clocks
-/// (section 47.4.9). Counted are SCL low and high less the smallest such delay (no edge, filter 50 ns, 2 clocks), low in
-/// the specification's proportion of 1.3 to 0.6: never faster than requested, and with the bus's own edges as fast as
-/// [`i2c_hz`] says.
+/// The controller adds a synchronisation delay to each phase: the edge, the analog filter and 2 to
+/// 3 kernel clocks (section 47.4.9). Counted are SCL low and high less the smallest such delay (no
+/// edge, filter 50 ns, 2 clocks), low in the specification's proportion of 1.3 to 0.6: never faster
+/// than requested, and with the bus's own edges as fast as [`i2c_hz`] says.
 ///
 /// # Panics
 /// Where the kernel clock cannot make these times.
@@ -210,11 +212,12 @@ pub const fn i2c_timingr(kernel_hz: u32, scl_hz: u32, rise_ns: u32, fall_ns: u32
     panic!("no I2C prescaler fits");
 }
 
-/// Delay of the analog filter as it is used for [`i2c_hz`], in nanoseconds: the datasheet gives 50 to 260.
+/// Delay of the analog filter as it is used for [`i2c_hz`], in nanoseconds: the datasheet gives 50
+/// to 260.
 pub const I2C_FILTER_NS: u32 = 100;
 
-/// SCL frequency in hertz that a TIMINGR value makes on a bus with these edges (section 47.4.9): counted phases, and for
-/// each one edge, the analog filter and 2.5 kernel clocks.
+/// SCL frequency in hertz that a TIMINGR value makes on a bus with these edges (section 47.4.9):
+/// counted phases, and for each one edge, the analog filter and 2.5 kernel clocks.
 #[must_use]
 pub const fn i2c_hz(kernel_hz: u32, timingr: u32, rise_ns: u32, fall_ns: u32) -> u32 {
     let clock_ns = 1_000_000_000 / kernel_hz;
@@ -223,8 +226,9 @@ pub const fn i2c_hz(kernel_hz: u32, timingr: u32, rise_ns: u32, fall_ns: u32) ->
     1_000_000_000 / period_ns
 }
 
-/// How long a transaction on the I2C bus may take, in microseconds, before it counts as stuck. The longest
-/// (a sample: 54 clocks) takes 152 us at 355 kHz; slow edges and clock stretching get twice that.
+/// How long a transaction on the I2C bus may take, in microseconds, before it counts as stuck. The
+/// longest (a sample: 54 clocks) takes 152 us at 355 kHz; slow edges and clock stretching get twice
+/// that.
 pub const I2C_DEADLINE_US: u32 = 300;
 /// Half a period of the recovery clocks in microseconds: 100 kHz, which any device follows.
 pub const RECOVERY_STEP_US: u32 = 5;
@@ -236,7 +240,8 @@ pub const DAC_SCLK_MAX_HZ: u32 = 20_000_000;
 /// [`spi_mbr`] of SPI1: 12.5 MHz, 1.28 us a word.
 pub const SPI1_MBR: u8 = spi_mbr(SPI1_KERNEL_HZ, DAC_SCLK_MAX_HZ);
 
-/// MBR of SPI_CFG1 (section 50.11.3): the smallest divider 2^(MBR+1) that keeps SCLK at or below the limit.
+/// MBR of SPI_CFG1 (section 50.11.3): the smallest divider 2^(MBR+1) that keeps SCLK at or below
+/// the limit.
 ///
 /// # Panics
 /// Where even /256 is too fast.

@@ -1,9 +1,9 @@
-//! Panic handler and fault handlers: panic, HardFault, interrupts without a handler. All of them call
-//! [`crash_record::fail`]: 0 V, crash record, reset.
+//! Panic handler and fault handlers: panic, HardFault, interrupts without a handler. All of them
+//! call [`crash_record::fail`]: 0 V, crash record, reset.
 //!
-//! HardFault may be entered with an invalid stack pointer (the stack lies in DTCM above a guard of the MPU, and faults when it
-//! overflows).
-//! So its handler starts in assembly, saves the old pointer and starts a new stack at the top.
+//! HardFault may be entered with an invalid stack pointer (the stack lies in DTCM above a guard of
+//! the MPU, and faults when it overflows). So its handler starts in assembly, saves the old pointer
+//! and starts a new stack at the top.
 
 use board::hw::pac::SCB;
 use board::hw::{crash_record, gpio, startup};
@@ -85,8 +85,9 @@ extern "C" fn hard_fault(old_stack: *const u32) -> ! {
     crash_record::fail(Fault::HardFault, scb.cfsr.read(), pc, &text)
 }
 
-/// The clock security system found the HSE stopped (RM0433 section 8.5.3). The core runs on from the HSI at another
-/// frequency, so nothing that has a time is right any more: restart, without the HSE.
+/// The clock security system found the HSE stopped (RM0433 section 8.5.3). The core runs on from
+/// the HSI at another frequency, so nothing that has a time is right any more: restart, without the
+/// HSE.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() -> ! {
     cortex_m::interrupt::disable();

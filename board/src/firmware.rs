@@ -1,4 +1,5 @@
-//! The stages of the superloop: connects the hardware ([`board::hw`]) to the machine ([`board::machine`]).
+//! The stages of the superloop: connects the hardware ([`board::hw`]) to the machine
+//! ([`board::machine`]).
 
 use crate::links::{self, Link};
 use board::bus::Event;
@@ -67,7 +68,8 @@ impl Effects for Reports {
     }
 
     fn report(&mut self, report: FaultReport) {
-        // The log waits too: it has a lock that panics, and this is called from the sample path. A report that does not fit is lost; status frames show the latched fault.
+        // The log waits too: it has a lock that panics, and this is called from the sample path. A
+        // report that does not fit is lost; status frames show the latched fault.
         let _ = self.0.push_back(report);
     }
 }
@@ -161,8 +163,9 @@ impl Board {
         board
     }
 
-    /// Processes the queued samples: the whole path from the I2C result to the DAC word. No panic can be reached from
-    /// here; `cargo xtask inspect` checks it in the image, and therefore the function keeps its own symbol.
+    /// Processes the queued samples: the whole path from the I2C result to the DAC word. No panic
+    /// can be reached from here; `cargo xtask inspect` checks it in the image, and therefore the
+    /// function keeps its own symbol.
     #[inline(never)]
     pub fn samples(&mut self) {
         crash_record::set_stage(Stage::Samples);
@@ -174,7 +177,8 @@ impl Board {
                 return;
             };
             match event {
-                // During the converter's I2C read, so outside the path from its result to the DAC word.
+                // During the converter's I2C read, so outside the path from its result to the DAC
+                // word.
                 Event::Edge { unit } => {
                     self.counts[unit as usize] = self.counters.read(unit);
                 }
@@ -233,7 +237,8 @@ impl Board {
         }
         self.machine.tick(now, health, &mut self.reports);
         sensors::set_pointer_ahead(self.machine.pointer_ahead());
-        // One counter a millisecond: noise at an encoder, and a chip that lost its registers, are seen within six.
+        // One counter a millisecond: noise at an encoder, and a chip that lost its registers, are
+        // seen within six.
         self.encoder_checked = (self.encoder_checked + 1) % UNITS;
         let unit = UnitIndex::ALL[self.encoder_checked];
         let (position, lost) = self.counters.look(unit);
@@ -343,15 +348,15 @@ impl Board {
         self.watchdog.check_in(Part::Links);
     }
 
-    /// Sleeps until the superloop has work: a sample, a millisecond, USB. Other interrupts (about twelve I2C
-    /// events per sample) run their handlers and the core sleeps again.
+    /// Sleeps until the superloop has work: a sample, a millisecond, USB. Other interrupts (about
+    /// twelve I2C events per sample) run their handlers and the core sleeps again.
     pub fn sleep(&mut self) {
         crash_record::set_stage(Stage::Sleep);
         let pass = time::now().since(self.clock.pass_began);
         self.clock.longest_pass = self.clock.longest_pass.max(pass);
         while !(self.events.ready() || time::tick_waits() || usb::calls()) {
-            // Interrupts are masked, so one that arrives between the check and WFI still ends the sleep (WFI wakes
-            // on a pending interrupt). Its handler runs when they are unmasked.
+            // Interrupts are masked, so one that arrives between the check and WFI still ends the
+            // sleep (WFI wakes on a pending interrupt). Its handler runs when they are unmasked.
             self.clock.asleep += cortex_m::interrupt::free(|_| {
                 if self.events.ready() || time::tick_waits() || usb::calls() {
                     return 0;

@@ -49,7 +49,8 @@ impl Link {
         }
     }
 
-    /// Queues a message. Where there is no room it is dropped, and the gap in the sequence shows it.
+    /// Queues a message. Where there is no room it is dropped, and the gap in the sequence shows
+    /// it.
     pub fn send(&mut self, message: BoardMessage) {
         let frame = BoardFrame {
             seq: self.sequence,

@@ -1,8 +1,8 @@
 //! The firmware of the force board: the superloop.
 //!
-//! Interrupts put each sample into a queue: EXTI records the time of the DRDY edge, and the bus scheduler reads
-//! the converter over I2C1. The superloop processes the queue first, and again before each other stage. Every
-//! stage is bounded. Then the core sleeps until an interrupt.
+//! Interrupts put each sample into a queue: EXTI records the time of the DRDY edge, and the bus
+//! scheduler reads the converter over I2C1. The superloop processes the queue first, and again
+//! before each other stage. Every stage is bounded. Then the core sleeps until an interrupt.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(not(target_os = "none"))]

@@ -119,7 +119,8 @@ pub const DRDY: [Pin; 6] = [
 pub const MUX_RST: Pin = Pin::new(F, 12, "MUX_RST", HIGH);
 /// LDAC of all DACs: update on the rising edge.
 pub const DAC_LDAC: Pin = Pin::new(F, 14, "DAC_LDAC", HIGH);
-/// RST of all DACs, active low: starts low, so that every DAC stands at 0 V before anything else runs.
+/// RST of all DACs, active low: starts low, so that every DAC stands at 0 V before anything else
+/// runs.
 pub const DAC_RST: Pin = Pin::new(F, 15, "DAC_RST", LOW);
 /// CS of each unit's DAC, active low.
 pub const DAC_CS: [Pin; 6] = [

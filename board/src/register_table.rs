@@ -1,9 +1,10 @@
 //! A table of registers that must keep their values, compared a few at a time.
 //!
-//! Pure: the caller reads the registers. `hw::registers` fills the table after start-up and compares it each millisecond.
+//! Pure: the caller reads the registers. `hw::registers` fills the table after start-up and
+//! compares it each millisecond.
 //!
-//! Some registers are compared with each call, all others in turn. A turn takes [`TURN_CALLS`] calls at most, however many
-//! registers there are.
+//! Some registers are compared with each call, all others in turn. A turn takes [`TURN_CALLS`]
+//! calls at most, however many registers there are.
 
 use heapless::Vec;
 
@@ -131,7 +132,8 @@ mod tests {
 
     const SIZE: usize = 160;
 
-    /// `always` registers that each call compares, then `in_turn` others, at addresses 4 apart from 0x100, all at 0x55.
+    /// `always` registers that each call compares, then `in_turn` others, at addresses 4 apart from
+    /// 0x100, all at 0x55.
     fn table(always: u32, in_turn: u32) -> Table<SIZE> {
         let mut table = Table::default();
         let entry = |n: u32| Entry {

@@ -3,7 +3,8 @@
 /// Length of a serial number.
 pub const LENGTH: usize = 24;
 
-/// The controller's unique number of 96 bits as hexadecimal digits, word by word, the highest digit of each first.
+/// The controller's unique number of 96 bits as hexadecimal digits, word by word, the highest digit
+/// of each first.
 #[must_use]
 pub fn hexadecimal(unique: [u32; 3]) -> [u8; LENGTH] {
     core::array::from_fn(|i| {

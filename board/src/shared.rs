@@ -1,14 +1,17 @@
-//! What an interrupt and the superloop share without a lock: flags, requests, counts. One word each, and each with one rule.
+//! What an interrupt and the superloop share without a lock: flags, requests, counts. One word
+//! each, and each with one rule.
 //!
-//! `crate::atomics` gives the atomic types: the processor's in the firmware, loom's in `tests/shared.rs`, which runs every
-//! interleaving of both sides. loom lets both sides run at once; an interrupt is a case of that. What the two sides share under a
-//! lock (interrupts masked) is not here: `hw::SamplePath`, the sender of `hw::usart`.
+//! `crate::atomics` gives the atomic types: the processor's in the firmware, loom's in
+//! `tests/shared.rs`, which runs every interleaving of both sides. loom lets both sides run at
+//! once; an interrupt is a case of that. What the two sides share under a lock (interrupts masked)
+//! is not here: `hw::SamplePath`, the sender of `hw::usart`.
 
 use crate::atomics::{AtomicBool, AtomicU32, Ordering};
 use control::{UnitIndex, UnitSet};
 
-/// A flag that the SysTick handler sets and the superloop takes. What the handler wrote before it, the superloop sees after it
-/// has taken the flag. A superloop that is late finds one flag for several ticks.
+/// A flag that the SysTick handler sets and the superloop takes. What the handler wrote before it,
+/// the superloop sees after it has taken the flag. A superloop that is late finds one flag for
+/// several ticks.
 pub struct Tick(AtomicBool);
 
 impl Tick {
@@ -33,8 +36,8 @@ impl Tick {
     }
 }
 
-/// Units to start and to stop, which the superloop asks for and the handler takes. Both are in one word, so the handler sees the
-/// last request for each unit and never half of one.
+/// Units to start and to stop, which the superloop asks for and the handler takes. Both are in one
+/// word, so the handler sees the last request for each unit and never half of one.
 pub struct Requests(AtomicU32);
 
 impl Requests {
@@ -130,8 +133,8 @@ impl Call {
         self.0.store(true, Ordering::Release);
     }
 
-    /// The peripheral was served; the superloop. `unmask` unmasks the interrupt: only then may the next call come, or it would
-    /// be forgotten here.
+    /// The peripheral was served; the superloop. `unmask` unmasks the interrupt: only then may the
+    /// next call come, or it would be forgotten here.
     pub fn served(&self, unmask: impl FnOnce()) {
         self.0.store(false, Ordering::Release);
         unmask();

@@ -1,4 +1,5 @@
-//! From samples to batches: holds a sample until its DAC word is sent, decimates per link, fills frames.
+//! From samples to batches: holds a sample until its DAC word is sent, decimates per link, fills
+//! frames.
 
 use control::{Micros, UnitIndex, UNITS};
 use heapless::Vec;
@@ -14,8 +15,8 @@ pub struct Outstanding {
 }
 
 impl Outstanding {
-    /// Holds a sample of the DRDY edge `at` until its word is sent. Returns the previous sample if its word was
-    /// never sent; its latency is then 65,535.
+    /// Holds a sample of the DRDY edge `at` until its word is sent. Returns the previous sample if
+    /// its word was never sent; its latency is then 65,535.
     pub fn insert(
         &mut self,
         unit: UnitIndex,
@@ -46,8 +47,8 @@ pub struct Batcher {
 }
 
 impl Batcher {
-    /// Takes a sample of the DRDY edge `at`; returns a full batch. `decimation`: one sample in this many is sent,
-    /// 0: none.
+    /// Takes a sample of the DRDY edge `at`; returns a full batch. `decimation`: one sample in this
+    /// many is sent, 0: none.
     pub fn push(&mut self, at: Micros, mut sample: Sample, decimation: u8) -> Option<Batch> {
         let seen = self.seen.get_mut(usize::from(sample.unit))?;
         *seen = seen.saturating_add(1);

@@ -1,5 +1,5 @@
-//! The bus scheduler against a model of the bus in virtual time: six converters with clocks of their own, the
-//! bit times of 400 kHz, and the failures of a cable.
+//! The bus scheduler against a model of the bus in virtual time: six converters with clocks of
+//! their own, the bit times of 400 kHz, and the failures of a cable.
 
 use board::bus::{Bus, Event, Sink, Transfer, TransferError, Work, STUCK_AFTER};
 use board::clocks::{I2C_DEADLINE_US, RECOVERY_STEP_US};
@@ -56,7 +56,8 @@ struct Bench {
     latencies: Vec<u32>,
     /// Edges of DRDY while a mask is read back.
     read_back_at_edge: u32,
-    /// Variants of the converters: the six conversions that settle come with DRDY; the result is latched when the pointer is set.
+    /// Variants of the converters: the six conversions that settle come with DRDY; the result is
+    /// latched when the pointer is set.
     reports_unsettled: bool,
     latches_at_pointer: bool,
 }
@@ -182,7 +183,8 @@ impl Bench {
                     self.mask = self.mask.rotate_left(1);
                 }
             }
-            // A mask that is read back is known, and with it what was read through it: after this no sample is read from elsewhere.
+            // A mask that is read back is known, and with it what was read through it: after this
+            // no sample is read from elsewhere.
             self.flipped &= transfer.write_len > 0;
             return Ok([self.mask, 0, 0]);
         }
@@ -343,7 +345,8 @@ impl Bench {
     }
 }
 
-/// Whether a converter announces the six conversions that settle is open, and so is when it latches a result.
+/// Whether a converter announces the six conversions that settle is open, and so is when it latches
+/// a result.
 #[test]
 fn six_results_after_a_bring_up_are_no_samples() {
     for (reports_unsettled, latches_at_pointer) in
@@ -588,7 +591,8 @@ fn an_edge_that_was_never_seen_is_found_by_its_level() {
     assert!(samples.iter().any(|(_, missed)| *missed > 0));
 }
 
-/// A line stays high while its result is read. A dip in it looks like an edge, and its level says that a result is there.
+/// A line stays high while its result is read. A dip in it looks like an edge, and its level says
+/// that a result is there.
 #[test]
 fn a_dip_in_a_high_line_is_no_conversion() {
     let mut bench = Bench::streaming();
@@ -638,7 +642,8 @@ fn the_deadline_leaves_room_for_the_longest_transaction() {
     const { assert!(I2C_DEADLINE_US > 2 * 140) };
 }
 
-/// A mask that arrives as another unit's is read back, and written again, before a sample is read through it.
+/// A mask that arrives as another unit's is read back, and written again, before a sample is read
+/// through it.
 #[test]
 fn a_mask_that_changed_on_its_way_is_written_again() {
     for unit in UnitIndex::ALL {
@@ -652,7 +657,8 @@ fn a_mask_that_changed_on_its_way_is_written_again() {
             assert_eq!(bench.chips[other as usize].running, other == unit);
         }
         bench.gapless(unit);
-        // While all stream, wherever it hits: at most the sample that was read at once is another unit's.
+        // While all stream, wherever it hits: at most the sample that was read at once is another
+        // unit's.
         let mut bench = Bench::streaming();
         for _ in 0..40 {
             bench.flips = 1;

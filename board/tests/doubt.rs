@@ -33,7 +33,8 @@ fn fault(bench: &Bench, unit: usize) -> u16 {
     bench.status().units[unit].fault
 }
 
-/// The largest command of unit 2 until it faults, in newton, and the time that took in milliseconds.
+/// The largest command of unit 2 until it faults, in newton, and the time that took in
+/// milliseconds.
 fn until_fault(bench: &mut Bench, tension_un: i32) -> (f64, u32) {
     let mut largest = 0.0f64;
     for ms in 1..2_000 {
@@ -83,7 +84,8 @@ fn a_wrong_sign_is_a_negative_tension() {
     assert_eq!(fault(&bench, 1), Fault::TensionNegative.code());
 }
 
-/// A cell that reads 2 N too little stays within the band's permitted deviation: the command's limit is what is left.
+/// A cell that reads 2 N too little stays within the band's permitted deviation: the command's
+/// limit is what is left.
 #[test]
 fn a_command_at_its_limit_is_a_fault_and_the_limit_follows_the_setpoint() {
     let mut bench = held(4_000_000);
@@ -202,7 +204,8 @@ fn a_faulted_unit_that_is_pulled_again_loses_its_power() {
 /// The same, seen by the encoder alone: a reel at 0 V that speeds up is driven.
 #[test]
 fn a_reel_that_speeds_up_at_0_v_loses_the_power_at_once() {
-    // Counts of the first sample, and how many more each sample has: 3 ms of 8 N are 35. Paid out are 15 a sample, 21 mm/s.
+    // Counts of the first sample, and how many more each sample has: 3 ms of 8 N are 35. Paid out
+    // are 15 a sample, 21 mm/s.
     for (first, more, driven) in [(0, 35, true), (-15, 0, false)] {
         let mut bench = held(6_000_000);
         bench.cell_n[3] = Some(-3.0);
@@ -242,7 +245,8 @@ fn a_reel_that_coasts_is_no_fault() {
     assert!(!bench.machine.withholds_alive());
 }
 
-/// The output is stuck, and nobody repaired it: with the clear the power comes back, and the motor pulls again.
+/// The output is stuck, and nobody repaired it: with the clear the power comes back, and the motor
+/// pulls again.
 #[test]
 fn an_output_that_is_still_stuck_after_a_clear_loses_its_power_again() {
     // At once with the power, and long after it.
@@ -281,7 +285,8 @@ fn an_output_that_is_still_stuck_after_a_clear_loses_its_power_again() {
     bench.cell_n[3] = Some(6.0);
     bench.run(200);
     assert!(!bench.machine.withholds_alive());
-    // A weight that is hung on a cable, or a robot that moves away, makes the reel pay out: no fault.
+    // A weight that is hung on a cable, or a robot that moves away, makes the reel pay out: no
+    // fault.
     let mut bench = held(6_000_000);
     bench.done(Command::Stop);
     bench.run(500);
@@ -293,7 +298,8 @@ fn an_output_that_is_still_stuck_after_a_clear_loses_its_power_again() {
     assert!(!bench.machine.withholds_alive());
 }
 
-/// The load cell reads too little and the output is stuck: only the encoder can tell that the cable is still held.
+/// The load cell reads too little and the output is stuck: only the encoder can tell that the cable
+/// is still held.
 #[test]
 fn a_stuck_output_behind_a_load_cell_that_reads_low_loses_its_power() {
     // Counts a millisecond that the robot makes the reel wind in.

@@ -1,5 +1,6 @@
-//! What stops a motor, for each of the six units, and after which time. The times are those of docs/safety.md, as numbers: a test
-//! that took them from the constants could not notice that one changed.
+//! What stops a motor, for each of the six units, and after which time. The times are those of
+//! docs/safety.md, as numbers: a test that took them from the constants could not notice that one
+//! changed.
 
 mod common;
 use common::Bench;
@@ -28,7 +29,8 @@ fn hold(bench: &mut Bench, tension_un: i32, ms: u32) {
     }
 }
 
-/// The unit is faulted and was put to 0 V at once, its converter was stopped or not, and the others go on.
+/// The unit is faulted and was put to 0 V at once, its converter was stopped or not, and the others
+/// go on.
 fn only(bench: &mut Bench, unit: usize, fault: Fault, stopped: bool) {
     let index = UnitIndex::ALL[unit];
     let status = bench.status();
@@ -387,7 +389,8 @@ fn the_first_setpoints_are_awaited_for_a_second() {
     assert_eq!(bench.status().fault, Fault::SetpointsExpired.code());
 }
 
-/// Setpoints from before a stop, a disarming or a fault are forgotten: neither they nor their time count in the next run.
+/// Setpoints from before a stop, a disarming or a fault are forgotten: neither they nor their time
+/// count in the next run.
 #[test]
 fn nothing_of_a_run_is_left_for_the_next() {
     for end in [Command::Stop, Command::Disarm] {
@@ -606,7 +609,8 @@ fn each_cable_counts_at_the_tip() {
     }
 }
 
-/// A slack cable that somebody winds in, and a weight that is hung on it later, are no output that pulls.
+/// A slack cable that somebody winds in, and a weight that is hung on it later, are no output that
+/// pulls.
 #[test]
 fn cable_that_was_wound_in_without_tension_is_forgotten() {
     for unit in 0..UNITS {
@@ -625,7 +629,8 @@ fn cable_that_was_wound_in_without_tension_is_forgotten() {
     }
 }
 
-/// A reel that turns while its zero is measured has a tight cable, and the robot moves: however steady the load cell is.
+/// A reel that turns while its zero is measured has a tight cable, and the robot moves: however
+/// steady the load cell is.
 #[test]
 fn a_zero_is_refused_while_the_reel_turns() {
     for unit in 0..UNITS {
@@ -652,7 +657,8 @@ fn a_zero_is_refused_while_the_reel_turns() {
     }
 }
 
-/// Nothing shows how fast a slack cable is taken up where the encoder stands still: the command rises, and the reel rests.
+/// Nothing shows how fast a slack cable is taken up where the encoder stands still: the command
+/// rises, and the reel rests.
 #[test]
 fn a_slack_cable_whose_encoder_stands_still_stops_its_unit() {
     for unit in 0..UNITS {

@@ -1,4 +1,5 @@
-//! The amplifiers' power: when the alive line may run, what takes it, and when a fault may be cleared. Each rule for each unit.
+//! The amplifiers' power: when the alive line may run, what takes it, and when a fault may be
+//! cleared. Each rule for each unit.
 
 mod common;
 use common::Bench;
@@ -10,7 +11,8 @@ use control::{Config, Fault, MotorState, SystemState, UnitIndex, UNITS};
 use wire::message::{CommandError, CrashRecord, Response, UnitConfig};
 use wire::Command;
 
-/// Until a unit that comes up has a sample, and has been at rest for 10 ms. The times here are those of docs/safety.md, as numbers.
+/// Until a unit that comes up has a sample, and has been at rest for 10 ms. The times here are
+/// those of docs/safety.md, as numbers.
 const LATER_MS: u32 = 20;
 
 fn record(fault: Fault) -> Option<CrashRecord> {
@@ -113,7 +115,8 @@ fn a_unit_must_rest_for_10_ms() {
     assert!(!bench.machine.withholds_alive());
 }
 
-/// The converter is started anew: until it measures again and shows a cable at rest, a motor that pulls would not be seen.
+/// The converter is started anew: until it measures again and shows a cable at rest, a motor that
+/// pulls would not be seen.
 #[test]
 fn a_clear_of_a_units_fault_withholds_the_alive_line_until_it_measures_and_rests() {
     for unit in 0..UNITS {
@@ -147,8 +150,8 @@ fn a_clear_of_a_units_fault_withholds_the_alive_line_until_it_measures_and_rests
     }
 }
 
-/// A sample that was under way when the converter was started anew is none of the new bring-up: with it the unit would be up, and
-/// silent a moment later.
+/// A sample that was under way when the converter was started anew is none of the new bring-up:
+/// with it the unit would be up, and silent a moment later.
 #[test]
 fn a_sample_from_before_a_clear_does_not_bring_a_unit_up() {
     for unit in 0..UNITS {
@@ -171,7 +174,8 @@ fn a_sample_from_before_a_clear_does_not_bring_a_unit_up() {
     }
 }
 
-/// With the power off a cable is slack. A load cell that shows something else is wrong, or the cable is held: no power, and a fault.
+/// With the power off a cable is slack. A load cell that shows something else is wrong, or the
+/// cable is held: no power, and a fault.
 #[test]
 fn a_unit_that_does_not_rest_gets_no_power_and_faults() {
     for unit in 0..UNITS {
@@ -220,7 +224,8 @@ fn a_unit_that_does_not_rest_gets_no_power_and_faults() {
     }
 }
 
-/// An output that stands at some voltage after power-up winds its reel in as soon as the amplifiers have power.
+/// An output that stands at some voltage after power-up winds its reel in as soon as the amplifiers
+/// have power.
 #[test]
 fn a_reel_that_winds_in_with_the_power_loses_it_again() {
     for unit in 0..UNITS {
@@ -371,7 +376,8 @@ fn every_fault_is_cleared_once_its_cause_is_gone_and_not_before() {
                 bench.cell_n[unit] = Some(n);
                 bench.run(30);
             };
-            // `Some`: the clear is refused while the cause is there, and what removes the cause; a cause that stays: nothing does.
+            // `Some`: the clear is refused while the cause is there, and what removes the cause; a
+            // cause that stays: nothing does.
             let mut lasting = false;
             let mut never = false;
             match fault {
@@ -423,7 +429,8 @@ fn every_fault_is_cleared_once_its_cause_is_gone_and_not_before() {
                         .machine
                         .fault_board(fault, 1, bench.now, &mut bench.board);
                 }
-                // The other faults of a unit end in the same function, and all begin anew with the converter.
+                // The other faults of a unit end in the same function, and all begin anew with the
+                // converter.
                 (_, control::faults::Scope::Unit) => continue,
             }
             let shown = |bench: &Bench| {

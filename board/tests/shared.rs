@@ -1,6 +1,7 @@
-//! Every interleaving of an interrupt and the superloop on what they share without a lock (`src/shared.rs`), with loom's atomic
-//! types in place of the processor's. loom runs each test once for each order of the accesses that the memory model permits, which
-//! are more than interrupts can make on one core.
+//! Every interleaving of an interrupt and the superloop on what they share without a lock
+//! (`src/shared.rs`), with loom's atomic types in place of the processor's. loom runs each test
+//! once for each order of the accesses that the memory model permits, which are more than
+//! interrupts can make on one core.
 
 /// loom's types, for `src/shared.rs`.
 mod atomics {
@@ -16,7 +17,8 @@ use loom::sync::{Arc, Mutex};
 use loom::thread::spawn;
 use shared::{Call, Requests, Setting, Tick, Word};
 
-/// Two ticks and two looks at the flag: a tick is taken, or it still waits; and what was counted before it is seen with it.
+/// Two ticks and two looks at the flag: a tick is taken, or it still waits; and what was counted
+/// before it is seen with it.
 #[test]
 fn no_tick_is_lost_and_what_was_before_it_is_seen() {
     loom::model(|| {
@@ -49,7 +51,8 @@ fn no_tick_is_lost_and_what_was_before_it_is_seen() {
     });
 }
 
-/// The superloop asks twice while the handler takes: the last request for each unit decides, and no request is lost.
+/// The superloop asks twice while the handler takes: the last request for each unit decides, and no
+/// request is lost.
 fn last_request_decides(first_starts: bool) {
     loom::model(move || {
         let requests = Arc::new(Requests::of(AtomicU32::new(0)));
@@ -127,7 +130,8 @@ fn a_count_only_grows_and_a_setting_arrives() {
     });
 }
 
-/// An interrupt line with its mask, as the NVIC has it: a handler runs when the line is up and not masked.
+/// An interrupt line with its mask, as the NVIC has it: a handler runs when the line is up and not
+/// masked.
 struct Line {
     masked: AtomicBool,
     events: AtomicU32,

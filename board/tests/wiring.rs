@@ -1,5 +1,5 @@
-//! docs/wiring.md against the firmware's pins: header of the NUCLEO, connectors of the rig, resistors. `board::pins` itself compares
-//! the pin table row by row.
+//! docs/wiring.md against the firmware's pins: header of the NUCLEO, connectors of the rig,
+//! resistors. `board::pins` itself compares the pin table row by row.
 
 use board::pins;
 use std::collections::BTreeMap;

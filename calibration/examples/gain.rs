@@ -2,8 +2,9 @@
 //!
 //! `cargo run -p calibration --example gain -- weights.csv`
 //!
-//! The table has the columns `weight_g`, `code`, `standard_error` and, where known, `direction`, `time_s`, `since_s`,
-//! `temperature_c`. Exit code 1: the table gives no gain; the message says why and names the line.
+//! The table has the columns `weight_g`, `code`, `standard_error` and, where known, `direction`,
+//! `time_s`, `since_s`, `temperature_c`. Exit code 1: the table gives no gain; the message says why
+//! and names the line.
 
 use calibration::gain::{self, figures, Options};
 use std::error::Error;

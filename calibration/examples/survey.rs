@@ -2,8 +2,8 @@
 //!
 //! `cargo run -p calibration --example survey -- points.csv base.csv`
 //!
-//! Both tables have the columns `label`, `x_mm`, `y_mm`, `z_mm`; the points also `station`. Exit code 1: the points do not
-//! fit together; the message names them.
+//! Both tables have the columns `label`, `x_mm`, `y_mm`, `z_mm`; the points also `station`. Exit
+//! code 1: the points do not fit together; the message names them.
 
 use calibration::geometry::{self, Options};
 use std::error::Error;

@@ -1,8 +1,9 @@
-//! Reading tables of text: CSV, or cells pasted from a spreadsheet, with the line of everything that is wrong.
+//! Reading tables of text: CSV, or cells pasted from a spreadsheet, with the line of everything
+//! that is wrong.
 //!
-//! A table has a header line. Cells are parted by comma, semicolon or tab, whichever the header has. Empty lines and
-//! lines that start with `#` are skipped. A cell may stand in quotes, but not hold a line break, so that a
-//! line number is always that of the text.
+//! A table has a header line. Cells are parted by comma, semicolon or tab, whichever the header
+//! has. Empty lines and lines that start with `#` are skipped. A cell may stand in quotes, but not
+//! hold a line break, so that a line number is always that of the text.
 
 use std::fmt;
 use std::sync::Arc;
@@ -131,8 +132,8 @@ impl Table {
     /// Splits `text` into a header and rows. `file` is the name that errors give.
     ///
     /// # Errors
-    /// [`InputError`] for an empty text, no rows, a row that has another number of cells than the header or that
-    /// can't be split.
+    /// [`InputError`] for an empty text, no rows, a row that has another number of cells than the
+    /// header or that can't be split.
     pub fn parse(file: &str, text: &str) -> Result<Self, InputError> {
         let file: Arc<str> = file.into();
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);

@@ -1,8 +1,8 @@
 //! The rigid motion between two sets of points: Kabsch's algorithm (thesis 3.5.2).
 //!
-//! Kabsch, *Acta Cryst.* A32 (1976) 922. Noise can make the best orthogonal matrix a reflection, determinant -1; then
-//! the direction of the smallest singular value is turned round, which gives the best rotation (Umeyama, IEEE
-//! PAMI 13 (1991) 376).
+//! Kabsch, *Acta Cryst.* A32 (1976) 922. Noise can make the best orthogonal matrix a reflection,
+//! determinant -1; then the direction of the smallest singular value is turned round, which gives
+//! the best rotation (Umeyama, IEEE PAMI 13 (1991) 376).
 
 use crate::se3::Pose;
 use nalgebra::{Matrix3, Vector3};
@@ -16,14 +16,15 @@ pub struct Alignment {
     pub residual_m2: f64,
     /// Whether a reflection fits better than any rotation: the points of one side may be mirrored.
     pub reflected: bool,
-    /// Root of the weighted sum of squares of `from` along its three principal directions, m, largest first. The
-    /// second is 0 for points on a line; then the rotation about that line is not determined.
+    /// Root of the weighted sum of squares of `from` along its three principal directions, m,
+    /// largest first. The second is 0 for points on a line; then the rotation about that line is
+    /// not determined.
     pub spread_m: [f64; 3],
 }
 
-/// Motion that takes the points `from` nearest to the points `to`, both in m, in the sense of the weighted sum of
-/// squares. `None` for fewer than three points, slices of different lengths, a weight that is not positive, or
-/// numbers that are not finite.
+/// Motion that takes the points `from` nearest to the points `to`, both in m, in the sense of the
+/// weighted sum of squares. `None` for fewer than three points, slices of different lengths, a
+/// weight that is not positive, or numbers that are not finite.
 #[must_use]
 pub fn align(from: &[Vector3<f64>], to: &[Vector3<f64>], weights: &[f64]) -> Option<Alignment> {
     if from.len() < 3 || from.len() != to.len() || from.len() != weights.len() {
@@ -86,8 +87,8 @@ mod tests {
     use nalgebra::{Matrix4, Vector6};
     use proptest::prelude::*;
 
-    /// Second implementation as an oracle: Horn's unit quaternion (J. Opt. Soc. Am. A 4 (1987) 629), which takes
-    /// no SVD and can give no reflection.
+    /// Second implementation as an oracle: Horn's unit quaternion (J. Opt. Soc. Am. A 4 (1987)
+    /// 629), which takes no SVD and can give no reflection.
     fn horn(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose {
         let n = from.len() as f64;
         let (cf, ct) = (

@@ -1,5 +1,5 @@
-//! Calibration of the force rig: from weights, a digitizer and a moving tip to gains, zeros, exit points and
-//! load-cell axes, each with its covariance.
+//! Calibration of the force rig: from weights, a digitizer and a moving tip to gains, zeros, exit
+//! points and load-cell axes, each with its covariance.
 //!
 //! The crate is pure: it reads text and numbers and returns values. It opens no file and no device.
 //!
@@ -16,10 +16,11 @@
 //!
 //! # Conventions
 //!
-//! SI units in the robot's base frame: metre, newton, radian, kilogram, second. A field or argument names its
-//! unit (`_m`, `_n`, `_rad`, `_codes`). A *code* is one count of the NAU7802 at the gain in use, a signed
-//! 24-bit number. An axis is a unit vector from the force unit to the workspace: with `d` the direction from the
-//! tip to the exit point, a cell reads `T cos(theta)`, `cos(theta) = -axis . d`.
+//! SI units in the robot's base frame: metre, newton, radian, kilogram, second. A field or argument
+//! names its unit (`_m`, `_n`, `_rad`, `_codes`). A *code* is one count of the NAU7802 at the gain
+//! in use, a signed 24-bit number. An axis is a unit vector from the force unit to the workspace:
+//! with `d` the direction from the tip to the exit point, a cell reads `T cos(theta)`,
+//! `cos(theta) = -axis . d`.
 //!
 //! Bad input is an error that names file and line; no function panics on it.
 

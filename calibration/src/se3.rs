@@ -1,8 +1,8 @@
 //! Rigid motions: rotation and translation with the exponential map of SE(3).
 //!
-//! A small motion is six numbers `[v, w]`, translation in m first, then rotation in rad; it acts from the left:
-//! `T <- exp([v, w]) T`. To first order a point `q = T p` then moves by `v + w x q` (Barfoot, *State Estimation for
-//! Robotics*, 7.1).
+//! A small motion is six numbers `[v, w]`, translation in m first, then rotation in rad; it acts
+//! from the left: `T <- exp([v, w]) T`. To first order a point `q = T p` then moves by `v + w x q`
+//! (Barfoot, *State Estimation for Robotics*, 7.1).
 
 use nalgebra::{Matrix3, Vector3, Vector6};
 

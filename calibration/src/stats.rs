@@ -1,5 +1,5 @@
-//! The statistics that the calibration needs: robust location and scale, and the normal, chi-square and
-//! Student distributions.
+//! The statistics that the calibration needs: robust location and scale, and the normal, chi-square
+//! and Student distributions.
 
 use statrs::function::beta::checked_beta_reg;
 use statrs::function::gamma::{checked_gamma_lr, checked_gamma_ur};
@@ -20,8 +20,8 @@ pub fn median(values: &[f64]) -> f64 {
     }
 }
 
-/// Standard deviation of the normal part of the data, from the median absolute deviation. Half of the data may
-/// be wrong. NaN for an empty slice.
+/// Standard deviation of the normal part of the data, from the median absolute deviation. Half of
+/// the data may be wrong. NaN for an empty slice.
 #[must_use]
 pub fn robust_sd(values: &[f64]) -> f64 {
     let middle = median(values);
@@ -41,7 +41,8 @@ pub fn normal_quantile(p: f64) -> f64 {
     invert(p, -40.0, 40.0, normal_cdf)
 }
 
-/// Probability that chi-square with `dof` degrees of freedom exceeds `x`. 1 for no degrees of freedom.
+/// Probability that chi-square with `dof` degrees of freedom exceeds `x`. 1 for no degrees of
+/// freedom.
 #[must_use]
 pub fn chi_square_survival(x: f64, dof: usize) -> f64 {
     if dof == 0 || x <= 0.0 {
@@ -65,8 +66,8 @@ pub fn chi_square_quantile_of(p: f64, k: f64) -> f64 {
     })
 }
 
-/// The `p` quantile of Student's t with `dof` degrees of freedom (any positive number); the normal quantile for
-/// an infinite one.
+/// The `p` quantile of Student's t with `dof` degrees of freedom (any positive number); the normal
+/// quantile for an infinite one.
 #[must_use]
 pub fn student_quantile(p: f64, dof: f64) -> f64 {
     if dof > 1e6 {

@@ -1,18 +1,20 @@
-//! How well the force at the tip is known: from gains, zeros, cell axes, exit points, the tip and the held tensions to
-//! the covariance of the applied force.
+//! How well the force at the tip is known: from gains, zeros, cell axes, exit points, the tip and
+//! the held tensions to the covariance of the applied force.
 //!
 //! # Model
 //!
-//! With `c` a cell's force, `a` its axis, `d` the direction from tip to exit point at distance `L` (thesis 3.7):
+//! With `c` a cell's force, `a` its axis, `d` the direction from tip to exit point at distance `L`
+//! (thesis 3.7):
 //!
 //! ```text
 //! F = sum T_i d_i,   T_i = c_i / cos_i,   cos_i = -a_i . d_i
 //! dF_i = d dc / cos + c [ dd / cos + d (a . dd) / cos^2 ] + c d (d . da) / cos^2,   dd = (I - d d^T)(dx - dp) / L
 //! ```
 //!
-//! The error of a cell's force is its relative gain error times the force, its zero, and the tension loop's own error. Everything is
-//! taken to first order; errors of different kinds are independent, except exit points and axes, whose joint
-//! covariance over all units can be given as the survey has it ([`Geometry::covariance`]).
+//! The error of a cell's force is its relative gain error times the force, its zero, and the
+//! tension loop's own error. Everything is taken to first order; errors of different kinds are
+//! independent, except exit points and axes, whose joint covariance over all units can be given as
+//! the survey has it ([`Geometry::covariance`]).
 
 use nalgebra::{DMatrix, Matrix3, Matrix3x6, SymmetricEigen, Vector3};
 
@@ -29,15 +31,16 @@ pub struct UnitInput {
     pub gain_relative_sd: f64,
     /// Standard uncertainty of the zero, N of cell force.
     pub zero_sd_n: f64,
-    /// Standard deviation with which the cell force is held, N: the loop's error and noise. 0 where the cell's
-    /// reading itself is used.
+    /// Standard deviation with which the cell force is held, N: the loop's error and noise. 0 where
+    /// the cell's reading itself is used.
     pub held_sd_n: f64,
 }
 
 /// Covariances of the geometry.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Geometry {
-    /// Covariance of all exit points and axes, six rows a unit (`exit_m` in m, `axis`), in the order of the units.
+    /// Covariance of all exit points and axes, six rows a unit (`exit_m` in m, `axis`), in the
+    /// order of the units.
     pub covariance: DMatrix<f64>,
     /// Covariance of the tip, m^2.
     pub tip_covariance_m2: Matrix3<f64>,
@@ -97,12 +100,12 @@ pub enum UncertaintyError {
     Bad(&'static str),
 }
 
-/// Force at the tip and its covariance. `tip_m` in m; `common_gain_relative_sd` is the relative standard uncertainty of
-/// the gain that all units share.
+/// Force at the tip and its covariance. `tip_m` in m; `common_gain_relative_sd` is the relative
+/// standard uncertainty of the gain that all units share.
 ///
 /// # Errors
-/// [`UncertaintyError`]: numbers that are not finite, a tip within 1 mm of an exit point, a cable 75.5 degrees or more off
-/// its cell's axis (cosine below 0.25, the limit of the firmware).
+/// [`UncertaintyError`]: numbers that are not finite, a tip within 1 mm of an exit point, a cable
+/// 75.5 degrees or more off its cell's axis (cosine below 0.25, the limit of the firmware).
 pub fn tip_force(
     units: &[UnitInput],
     tip_m: &Vector3<f64>,
@@ -250,7 +253,8 @@ impl TipForce {
             .sqrt()
     }
 
-    /// Root mean square angle between the true and the stated direction, rad, to first order. `None` for no force.
+    /// Root mean square angle between the true and the stated direction, rad, to first order.
+    /// `None` for no force.
     #[must_use]
     pub fn direction_sd_rad(&self) -> Option<f64> {
         let u = self.force_n.try_normalize(1e-9)?;

@@ -1,10 +1,12 @@
-//! The rigid motion and the statistics against `scipy`, where it is installed; skipped by name where it is not.
+//! The rigid motion and the statistics against `scipy`, where it is installed; skipped by name
+//! where it is not.
 
 use calibration::{kabsch, se3, stats};
 use nalgebra::{Vector3, Vector6};
 use std::process::Command;
 
-/// Aligns the points of standard input with `scipy.spatial.transform.Rotation.align_vectors` and prints matrix and quantiles.
+/// Aligns the points of standard input with `scipy.spatial.transform.Rotation.align_vectors` and
+/// prints matrix and quantiles.
 const SCRIPT: &str = "
 import sys
 import numpy as np

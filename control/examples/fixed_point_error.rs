@@ -1,5 +1,5 @@
-//! Worst difference between the fixed-point step and its `f64` reference, from load code to the command
-//! before it is rounded to a DAC code, over random configurations and inputs.
+//! Worst difference between the fixed-point step and its `f64` reference, from load code to the
+//! command before it is rounded to a DAC code, over random configurations and inputs.
 //!
 //! `cargo run -p control --example fixed_point_error -- --samples 1000000`
 

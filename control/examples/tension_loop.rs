@@ -2,15 +2,16 @@
 //!
 //! `cargo run -p control --example tension_loop -- ff=0 ki=30 ea=3000`
 //!
-//! Prints RMS over all cables, the worst cable's RMS and the largest error, in N. Keys: `kp`, `ki`, `kd`,
-//! `damping` (N, s, m), `ff` (0 or 1), `reversal` (um), `corner` (Hz) or `average` (samples), `slew` (N/s);
-//! `coulomb` (N), `gain`, `viscous` (N s/m), `ripple` (N, motor's order 1); of the plant `ea` (cable, N), `breakaway`
-//! (ratio), `presliding` (um), `level` (friction, factor), and what it does beyond the model: `more_coulomb` (N), `more_viscous` (N s/m),
-//! `more_ripple` (N), `more_gain` (part), `delay` (ms); of what the host knows of the robot `pose` (noise of a dVRK's poses, um)
-//! or `raven` (1); `seconds`, `seeds`, `from` (first seed).
+//! Prints RMS over all cables, the worst cable's RMS and the largest error, in N. Keys: `kp`, `ki`,
+//! `kd`, `damping` (N, s, m), `ff` (0 or 1), `reversal` (um), `corner` (Hz) or `average` (samples),
+//! `slew` (N/s); `coulomb` (N), `gain`, `viscous` (N s/m), `ripple` (N, motor's order 1); of the
+//! plant `ea` (cable, N), `breakaway` (ratio), `presliding` (um), `level` (friction, factor), and
+//! what it does beyond the model: `more_coulomb` (N), `more_viscous` (N s/m), `more_ripple` (N),
+//! `more_gain` (part), `delay` (ms); of what the host knows of the robot `pose` (noise of a dVRK's
+//! poses, um) or `raven` (1); `seconds`, `seeds`, `from` (first seed).
 //!
-//! `table` alone, or with `seconds`, `seeds`, `from`: plants that differ from the declared one by what the host knows of
-//! the robot, and how long steps of force take while the tip moves.
+//! `table` alone, or with `seconds`, `seeds`, `from`: plants that differ from the declared one by
+//! what the host knows of the robot, and how long steps of force take while the tip moves.
 
 #[path = "../tests/common/plants.rs"]
 mod plants;
@@ -50,12 +51,14 @@ fn figures(
     (rms, worst, errors.iter().map(|e| e.1).fold(0.0, f64::max))
 }
 
-/// Force that counts as settled, and for how long an error has to stay within it, as in `host/force/src/metrics.rs`.
+/// Force that counts as settled, and for how long an error has to stay within it, as in
+/// `host/force/src/metrics.rs`.
 const BAND_N: f64 = 0.125;
 const HOLD_S: f64 = 0.5;
 
-/// Steps of all six tensions by 2.5 N, up and down, while the tip moves: how long each takes until no tension is further off
-/// than the band for half a second, s. The setpoints ramp as the host's do.
+/// Steps of all six tensions by 2.5 N, up and down, while the tip moves: how long each takes until
+/// no tension is further off than the band for half a second, s. The setpoints ramp as the host's
+/// do.
 fn settling(seed: u64, steps: u32, poses: Option<Poses>) -> Vec<f64> {
     const SLEW_N_PER_S: f64 = 20.0;
     const EVERY_S: f64 = 2.0;

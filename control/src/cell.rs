@@ -5,9 +5,10 @@
 //! code ─ zero, scale ─ gate ─ curve ─ creep ─▶ force   the board, in the reverse order
 //! ```
 //!
-//! A cell that creeps reads `l + s` under a load `l`, with `ds/dt = (share l - s) / tau`: the reading goes on growing by
-//! `share` of a lasting load. A curved cell reads `x` for `x + c x^2`. Both come from weights (`forcectl calibrate gain`);
-//! without a calibration both are 0, and the conversion is a straight line.
+//! A cell that creeps reads `l + s` under a load `l`, with `ds/dt = (share l - s) / tau`: the
+//! reading goes on growing by `share` of a lasting load. A curved cell reads `x` for `x + c x^2`.
+//! Both come from weights (`forcectl calibrate gain`); without a calibration both are 0, and the
+//! conversion is a straight line.
 
 use crate::units::{rounded, AdcCode, Newton};
 use wire::message::CellCorrection;
@@ -16,8 +17,9 @@ use wire::message::CellCorrection;
 const SCALE_SHIFT: u32 = 30;
 /// Fraction bits of [`CellConfig::curve`].
 const CURVE_SHIFT: u32 = 36;
-/// Reading up to which the curve is applied, in N; beyond, the correction stays what it is there. Twice the largest
-/// calibration weight: a parabola means nothing further out, and the conversion has to rise everywhere.
+/// Reading up to which the curve is applied, in N; beyond, the correction stays what it is there.
+/// Twice the largest calibration weight: a parabola means nothing further out, and the conversion
+/// has to rise everywhere.
 pub const CURVE_RANGE: Newton = Newton::from_un(20_000_000);
 /// Fraction bits of [`CellConfig::creep_rate`].
 const RATE_SHIFT: u32 = 42;
@@ -71,7 +73,8 @@ impl CellConfig {
     }
 }
 
-/// What a cell has crept so far. It starts at none with the first zero: a cell that hangs empty is taken as relaxed.
+/// What a cell has crept so far. It starts at none with the first zero: a cell that hangs empty is
+/// taken as relaxed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Creep {
     /// Newton, with 48 fraction bits.
@@ -96,14 +99,16 @@ impl Creep {
         // Where the creep would end under this load.
         let end =
             Newton::from_wide_shifted(i64::from(load.to_bits()) * i64::from(cell.creep_q16), 16);
-        // dt over the time constant with 34 fraction bits: at most 29 bits. The distance takes 32 and a sign.
+        // dt over the time constant with 34 fraction bits: at most 29 bits. The distance takes 32
+        // and a sign.
         let part = (i64::from(dt_us) * i64::from(cell.creep_rate)) >> 8;
         let distance = i64::from(end.to_bits()) - i64::from(crept.to_bits());
         self.state += (distance * part) >> (34 - STATE_SHIFT);
         load
     }
 
-    /// The zero of a cell whose mean code under no load is `mean`: less what it has crept, which goes away.
+    /// The zero of a cell whose mean code under no load is `mean`: less what it has crept, which
+    /// goes away.
     pub(crate) fn relaxed(self, cell: &CellConfig, mean: AdcCode) -> AdcCode {
         let steps = i64::from(self.force().to_bits()) << SCALE_SHIFT;
         let counts = steps.checked_div(cell.scale).unwrap_or(0);

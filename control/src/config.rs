@@ -1,5 +1,5 @@
-//! A unit's configuration: the wire's physical numbers, checked, and the values that the sample path needs, precomputed
-//! from them. Staged on the board and exchanged at a cycle boundary.
+//! A unit's configuration: the wire's physical numbers, checked, and the values that the sample
+//! path needs, precomputed from them. Staged on the board and exchanged at a cycle boundary.
 //!
 //! Nothing here runs in the sample path, so conversions use `f64` (from libm) and divisions freely.
 
@@ -84,8 +84,9 @@ const PICO: f64 = 1e12;
 const Q16: f64 = 65_536.0;
 const Q32: f64 = 4_294_967_296.0;
 
-/// The table of all numbers. A row: name and position, what a unit of the thesis's rig starts with, the unit and the wire's
-/// steps in it, the range in that unit (`size`: with either sign), why. Then the parts of what [`UnitConfig`] nests.
+/// The table of all numbers. A row: name and position, what a unit of the thesis's rig starts with,
+/// the unit and the wire's steps in it, the range in that unit (`size`: with either sign), why.
+/// Then the parts of what [`UnitConfig`] nests.
 macro_rules! fields {
     (numbers { $($(#[$doc:meta])* $constant:ident = $number:literal, $name:ident = $nominal:literal,
         $unit:literal x $steps:ident, $($size:ident)? $min:literal ..= $max:literal, $why:literal;)* }
@@ -99,8 +100,8 @@ macro_rules! fields {
             $($(#[$p_doc])* pub static $p_constant: Field = fields!(@field $p_number,
                 concat!(stringify!($group), ".", stringify!($part)), $p_unit, $p_steps, $p_min, $p_max, $p_why);)*
         }
-        /// Every field that has a range: the numbers of [`UnitConfig`] in their order, then the parts of its filter,
-        /// ripples and cell.
+        /// Every field that has a range: the numbers of [`UnitConfig`] in their order, then the
+        /// parts of its filter, ripples and cell.
         pub static FIELDS: &[&Field] = &[$(&field::$constant,)* $(&field::$p_constant,)*];
 
         impl Config {
@@ -273,8 +274,8 @@ impl core::error::Error for OutOfRange {}
 
 /// Fraction bits of `ki` per microsecond.
 pub(crate) const KI_SHIFT: u32 = 42;
-/// How much slower the setpoint may change than the command: 1/8. The command must outrun the setpoint, or
-/// there is no margin left for feedback while the setpoint moves.
+/// How much slower the setpoint may change than the command: 1/8. The command must outrun the
+/// setpoint, or there is no margin left for feedback while the setpoint moves.
 pub const SETPOINT_SLEW_SHIFT: u32 = 3;
 
 /// A checked configuration with everything the sample path needs, precomputed.
@@ -308,8 +309,9 @@ pub struct Config {
     seal: u32,
 }
 
-/// Over-tension of a unit that follows setpoints, 13 N: what docs/safety.md counts as a hazard. A unit
-/// without a zero reads up to 4 N more than its cable pulls, so it has the configured limit alone.
+/// Over-tension of a unit that follows setpoints, 13 N: what docs/safety.md counts as a hazard. A
+/// unit without a zero reads up to 4 N more than its cable pulls, so it has the configured limit
+/// alone.
 const DRIVEN_UN: i32 = 13_000_000;
 /// Where tensions above 12 N are permitted, this much above the largest: the error at a first
 /// reversal with friction 40 % above the declared one (docs/figures.md).
@@ -369,13 +371,15 @@ impl Config {
         &self.wire
     }
 
-    /// Cable a count of the encoder, in nanometres; negative where the counts fall while winding in.
+    /// Cable a count of the encoder, in nanometres; negative where the counts fall while winding
+    /// in.
     #[must_use]
     pub const fn nm_per_count(&self) -> i32 {
         self.travel_nm
     }
 
-    /// The least tension that `command` can make ([`friction::Model::least`](crate::friction::Model::least)).
+    /// The least tension that `command` can make
+    /// ([`friction::Model::least`](crate::friction::Model::least)).
     #[must_use]
     pub const fn least_tension(&self, command: Newton) -> Newton {
         self.friction.least(command)
@@ -405,8 +409,8 @@ impl Config {
         self.zero_deviation
     }
 
-    /// How far the code of a slack cable would be from the stored zero where this tension is measured, in ADC counts. Not in the
-    /// sample path: it divides.
+    /// How far the code of a slack cable would be from the stored zero where this tension is
+    /// measured, in ADC counts. Not in the sample path: it divides.
     #[must_use]
     pub fn from_stored_zero(&self, tension: Newton) -> i32 {
         let scale = i64::from(self.wire.scale_pn_per_count);
@@ -429,22 +433,22 @@ impl Config {
         self
     }
 
-    /// Sum of the numbers that turn codes to forces and forces to codes, each turned by another amount, so that every single
-    /// bit that changes changes it.
+    /// Sum of the numbers that turn codes to forces and forces to codes, each turned by another
+    /// amount, so that every single bit that changes changes it.
     fn sum(&self) -> u32 {
         // Not 0, which cleared memory has.
         (self.words().into_iter()).fold(0x5EA1_C0DE, |sum, word| u32::rotate_left(sum, 1) ^ word)
     }
 
-    /// Whether the numbers that a sample needs are as they were computed: a check of every sample, some 40 instructions.
-    /// `false` means that the memory has changed.
+    /// Whether the numbers that a sample needs are as they were computed: a check of every sample,
+    /// some 40 instructions. `false` means that the memory has changed.
     #[must_use]
     pub fn is_sealed(&self) -> bool {
         self.seal == self.sum()
     }
 
-    /// Whether the values of the sample path are still those of the wire's numbers: computes them again. `false` means that the
-    /// memory has changed. Some ten thousand instructions.
+    /// Whether the values of the sample path are still those of the wire's numbers: computes them
+    /// again. `false` means that the memory has changed. Some ten thousand instructions.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         Self::from_wire(&self.wire).is_ok_and(|fresh| fresh == *self)
@@ -496,8 +500,8 @@ macro_rules! sealed {
             /// The first of them that belongs to the slew rate, which no sample's check covers.
             pub const SLEW_BIT: u32 = ($count + 2) * 32;
 
-            /// Flips a bit of what was computed from the wire's numbers, as a fault of the memory does. Bits from
-            /// [`Config::BITS`] on begin again.
+            /// Flips a bit of what was computed from the wire's numbers, as a fault of the memory
+            /// does. Bits from [`Config::BITS`] on begin again.
             pub fn flip(&mut self, bit: u32) {
                 const SCALE_BIT: u32 = $count * 32;
                 let bit = bit % Self::BITS;

@@ -8,9 +8,9 @@
 //! | amplifier Z6A6 | 0.6 A/V | maker's rating, Raven source |
 //! | DAC7731 | +-10 V over 65,536 codes | datasheet, strap of this board |
 //!
-//! 0.0521 * 26/7 / 0.010 = 19.35 N/A; 20 V/65,536 * 0.6 A/V * 19.35 N/A = 3.543 mN a code, or 282.2 codes a
-//! newton. The unit's configuration carries that last number, so that another amplifier, strap or a
-//! measured gain needs no new firmware.
+//! 0.0521 * 26/7 / 0.010 = 19.35 N/A; 20 V/65,536 * 0.6 A/V * 19.35 N/A = 3.543 mN a code, or 282.2
+//! codes a newton. The unit's configuration carries that last number, so that another amplifier,
+//! strap or a measured gain needs no new firmware.
 
 use crate::units::{DacCode, Newton};
 
@@ -34,8 +34,9 @@ pub fn nominal_codes_per_newton() -> f64 {
     65_536.0 / (DAC_SPAN_V * AMPLIFIER_A_PER_V * newton_per_ampere)
 }
 
-/// The DAC code of a command. `codes_per_newton_q16` may be negative (a motor wired the other way round).
-/// Rounded to the nearest code, so off by at most half a code (1.77 mN); ends at the DAC's ends.
+/// The DAC code of a command. `codes_per_newton_q16` may be negative (a motor wired the other way
+/// round). Rounded to the nearest code, so off by at most half a code (1.77 mN); ends at the DAC's
+/// ends.
 #[must_use]
 pub fn dac_code(command: Newton, codes_per_newton_q16: i32) -> DacCode {
     const SHIFT: u32 = Newton::FRAC_BITS + 16;

@@ -1,8 +1,8 @@
 //! Every fault: number, name, what it means, how to clear it.
 //!
-//! Numbers are stable. 1 to 31 are faults of the board: all outputs at 0 V. 32 to 63 are faults of one
-//! unit: its output at 0 V, the others continue. Every fault is latched until `ClearFaults`, which succeeds
-//! for a fault whose cause is gone and never arms.
+//! Numbers are stable. 1 to 31 are faults of the board: all outputs at 0 V. 32 to 63 are faults of
+//! one unit: its output at 0 V, the others continue. Every fault is latched until `ClearFaults`,
+//! which succeeds for a fault whose cause is gone and never arms.
 
 /// Scope of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -228,7 +228,8 @@ faults! {
 }
 
 impl Fault {
-    /// Whether the amplifiers lose their power with it: 0 V of a DAC is not certain, or a motor that pulls would not be seen.
+    /// Whether the amplifiers lose their power with it: 0 V of a DAC is not certain, or a motor
+    /// that pulls would not be seen.
     #[must_use]
     pub const fn takes_power(self) -> bool {
         matches!(self, Self::OutputStuck | Self::DacLink | Self::CounterBus)
@@ -250,8 +251,8 @@ impl Fault {
 /// Room for the details of a latch: numbers of one scope count from 0 or 32 and are below this.
 const DETAILS: usize = 20;
 
-/// Keeps every fault until it is cleared. The first is the one that is shown: later ones are mostly its consequences. But one
-/// that stands behind it must not be lost with its clear.
+/// Keeps every fault until it is cleared. The first is the one that is shown: later ones are mostly
+/// its consequences. But one that stands behind it must not be lost with its clear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Latch {
     first: Option<Fault>,

@@ -1,5 +1,5 @@
-//! From a noisy, sometimes spiked load-cell force to the one that the controller sees: spike gate, then a
-//! moving average or a low pass.
+//! From a noisy, sometimes spiked load-cell force to the one that the controller sees: spike gate,
+//! then a moving average or a low pass.
 //!
 //! # Which filter
 //!
@@ -10,11 +10,12 @@
 //! | Butterworth low pass, 100 Hz | 0.47 samples, 1.5 ms | 0.78 |
 //! | Butterworth low pass, 40 Hz | 1.74 samples, 5.4 ms | 0.47 |
 //!
-//! The converter's sinc4 has filtered already: 6.25 ms of delay, -3 dB at 73 Hz. What noise is left is 1.7
-//! to 5 mN (measured, idle channels), a twentieth of the tension error that friction makes, and the loop
-//! multiplies it by a gain below one. Every further millisecond of delay, however, takes 7 degrees of phase at
-//! 20 Hz, where reel and cable swing. So the default is the low pass at 100 Hz: 3.2 ms less delay than
-//! the thesis's average for 1 to 2 mN more noise. On the plant the loop holds with either.
+//! The converter's sinc4 has filtered already: 6.25 ms of delay, -3 dB at 73 Hz. What noise is left
+//! is 1.7 to 5 mN (measured, idle channels), a twentieth of the tension error that friction makes,
+//! and the loop multiplies it by a gain below one. Every further millisecond of delay, however,
+//! takes 7 degrees of phase at 20 Hz, where reel and cable swing. So the default is the low pass at
+//! 100 Hz: 3.2 ms less delay than the thesis's average for 1 to 2 mN more noise. On the plant the
+//! loop holds with either.
 
 use crate::limits::clamp_abs;
 use crate::units::Newton;
@@ -26,10 +27,11 @@ pub const SPIKE_HOLD: u8 = 3;
 
 /// Replaces single wild samples by a prediction.
 ///
-/// The rig's logs show spikes of one sample that no cable can cause (an I2C bit error, a read that met the
-/// converter's update). A sample further than the limit from the prediction, which is the line through the
-/// last two samples, is held back. It was a real change if the next one lies within the limit of it: then
-/// that one passes, one sample late. Samples that contradict each other are held for [`SPIKE_HOLD`] at most.
+/// The rig's logs show spikes of one sample that no cable can cause (an I2C bit error, a read that
+/// met the converter's update). A sample further than the limit from the prediction, which is the
+/// line through the last two samples, is held back. It was a real change if the next one lies
+/// within the limit of it: then that one passes, one sample late. Samples that contradict each
+/// other are held for [`SPIKE_HOLD`] at most.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SpikeGate {
     primed: bool,
@@ -119,8 +121,9 @@ impl FilterConfig {
                 let q30 = |x: f64| crate::units::rounded(x * f64::from(1u32 << 30));
                 let a1 = q30(2.0 * (k * k - 1.0) * norm);
                 let a2 = q30((1.0 - core::f64::consts::SQRT_2 * k + k * k) * norm);
-                // The gain at 0 Hz is 4 b0 / (1 + a1 + a2): a2 moves by three steps at most so that it is 1
-                // exactly. Off by one step it would be a bias of micronewtons that the integral adds up.
+                // The gain at 0 Hz is 4 b0 / (1 + a1 + a2): a2 moves by three steps at most so that
+                // it is 1 exactly. Off by one step it would be a bias of micronewtons that the
+                // integral adds up.
                 let sum = (1i64 << 30) + i64::from(a1) + i64::from(a2);
                 let a2 = a2 - (sum & 3) as i32;
                 let b0 = sum >> 2;
@@ -134,8 +137,8 @@ impl FilterConfig {
     }
 }
 
-/// Memory of the filter. The first sample fills it, so it starts without a transient; so does the first
-/// after another kind of filter was configured.
+/// Memory of the filter. The first sample fills it, so it starts without a transient; so does the
+/// first after another kind of filter was configured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Filter {
     primed_for: Option<FilterConfig>,
@@ -146,7 +149,8 @@ pub struct Filter {
     x2: i32,
     y1: i32,
     y2: i32,
-    /// What rounding cut off the last output, fed back, so that the output settles on the input exactly.
+    /// What rounding cut off the last output, fed back, so that the output settles on the input
+    /// exactly.
     rest: i64,
 }
 

@@ -1,18 +1,19 @@
 //! Direction of the reel, and the command that produces a given tension in spite of friction.
 //!
-//! Measured on the rig: F = offset + gain cmd - dir (c0 + c1 cmd), with dir = +1 winding in. Solved for the
-//! command that produces a given F:
+//! Measured on the rig: F = offset + gain cmd - dir (c0 + c1 cmd), with dir = +1 winding in. Solved
+//! for the command that produces a given F:
 //!
 //! * winding in: cmd = (F - offset + c0) / (gain - c1)
 //! * paying out: cmd = (F - offset - c0) / (gain + c1)
 //!
-//! For a direction estimate between -1 and 1 the command is interpolated linearly between the two, less a margin
-//! ([`REVERSAL_SHARE_Q16`]).
+//! For a direction estimate between -1 and 1 the command is interpolated linearly between the two,
+//! less a margin ([`REVERSAL_SHARE_Q16`]).
 //!
-//! Two more terms, off unless configured, count like an offset: viscous friction (F falls by b v) and ripples over
-//! the reel's angle. The speed for the former is the mean of the travel over about 25 ms, for two reasons. One count
-//! in a sample is 1.35 mm/s already. And compensation of viscous friction is positive feedback of the speed, which
-//! must not act at the frequency of the cable's swing (16 to 25 Hz). See [`ReelSpeed`] and [`Ripples`].
+//! Two more terms, off unless configured, count like an offset: viscous friction (F falls by b v)
+//! and ripples over the reel's angle. The speed for the former is the mean of the travel over about
+//! 25 ms, for two reasons. One count in a sample is 1.35 mm/s already. And compensation of viscous
+//! friction is positive feedback of the speed, which must not act at the frequency of the cable's
+//! swing (16 to 25 Hz). See [`ReelSpeed`] and [`Ripples`].
 
 use crate::limits::clamp_abs;
 use crate::units::{EncoderCounts, Newton};
@@ -70,7 +71,8 @@ impl Model {
         let gain = f64::from(wire.friction_gain_q16) / 65_536.0;
         let c1 = f64::from(wire.coulomb_load_q16) / 65_536.0;
         let inverse = |x: f64| {
-            // The ranges keep x >= 0.25, so the inverse is at most 4. (0.1: no division by zero, whatever comes.)
+            // The ranges keep x >= 0.25, so the inverse is at most 4. (0.1: no division by zero,
+            // whatever comes.)
             crate::units::rounded(f64::from(1u32 << 24) / if x < 0.1 { 0.1 } else { x })
         };
         // -1 to +1 over the reversal travel.
@@ -227,7 +229,8 @@ const LONGEST_REST: u8 = 250;
 /// feedforward pull by more than this.
 const LEVEL_LIMIT_Q24: i32 = 6_710_886;
 
-/// Friction with less than this says nothing about its level, 0.25 N: some 10 mN of noise in the mean are 4 % of it.
+/// Friction with less than this says nothing about its level, 0.25 N: some 10 mN of noise in the
+/// mean are 4 % of it.
 const LEAST_FRICTION: Newton = Newton::from_un(250_000);
 
 /// What [`REVERSAL_SHARE_Q16`] leaves to the integral, over what it takes, times 65,536: 1/9.
@@ -261,8 +264,8 @@ impl Share {
         }
     }
 
-    /// What it takes more than the other, over what it takes, times 2^30: finer than the share's own bits, because the errors
-    /// of many exchanges add up in the integral.
+    /// What it takes more than the other, over what it takes, times 2^30: finer than the share's
+    /// own bits, because the errors of many exchanges add up in the integral.
     const fn more_q30(self) -> i64 {
         const fn more(than: i64, share: i64) -> i64 {
             (1 << 30) - (than << 30) / share
@@ -299,8 +302,8 @@ impl Level {
     }
 
     /// Whether the host foretells the reel's travel; returns whether that is new. The next
-    /// [`Model::command`] takes over another share of the friction then, and the integral is to give up
-    /// [`Self::exchanged`].
+    /// [`Model::command`] takes over another share of the friction then, and the integral is to
+    /// give up [`Self::exchanged`].
     pub fn foretell(&mut self, foretold: bool) -> bool {
         let share = if foretold {
             Share::Foretold
@@ -315,8 +318,8 @@ impl Level {
         is_new
     }
 
-    /// What a new share has moved from the integral to the feedforward, with the sign of the command;
-    /// `half` is [`Feedforward::half`] with it.
+    /// What a new share has moved from the integral to the feedforward, with the sign of the
+    /// command; `half` is [`Feedforward::half`] with it.
     #[inline(never)]
     #[must_use]
     pub fn exchanged(&self, half: Newton, direction: Direction) -> Newton {
@@ -395,8 +398,9 @@ impl Level {
 /// friction changed both ways, which `control/tests/tension_loop.rs` holds.
 pub const REVERSAL_SHARE_Q16: i64 = 58_982;
 
-/// The same where the host foretells the reversal ([`crate::preview`]): 0.98. With all of it the largest error as declared is
-/// smaller still, but larger than without the host where friction is a fifth below the declared one.
+/// The same where the host foretells the reversal ([`crate::preview`]): 0.98. With all of it the
+/// largest error as declared is smaller still, but larger than without the host where friction is a
+/// fifth below the declared one.
 pub const FORETOLD_SHARE_Q16: i64 = 64_225;
 
 /// Largest viscous friction that is compensated: 3 N, twice what the reel's dry friction is at 4 N.
@@ -422,7 +426,8 @@ impl ReelSpeed {
     /// Takes a nominal sample's travel in nanometres.
     pub fn step(&mut self, travel_nm: i32) {
         let travel = travel_nm.clamp(-MAX_TRAVEL_NM, MAX_TRAVEL_NM) << 8;
-        // Rounded to the nearest, so that a speed dies out on both sides alike. 31 bits each, their difference 32.
+        // Rounded to the nearest, so that a speed dies out on both sides alike. 31 bits each, their
+        // difference 32.
         let difference = i64::from(travel) - i64::from(self.0);
         let half = 1 << (REEL_SPEED_SHIFT - 1);
         self.0 = self
@@ -439,8 +444,8 @@ impl ReelSpeed {
 
 /// Sine of an angle in turns times 2^32, times 2^30.
 ///
-/// The angle is folded to a quarter turn; there sin(pi/2 z) = z (c1 + c3 z^2 + c5 z^4 + c7 z^6), the coefficients
-/// of a least-squares fit over Chebyshev points. Off by less than 1e-6 (tested).
+/// The angle is folded to a quarter turn; there sin(pi/2 z) = z (c1 + c3 z^2 + c5 z^4 + c7 z^6),
+/// the coefficients of a least-squares fit over Chebyshev points. Off by less than 1e-6 (tested).
 #[must_use]
 pub fn sin_q30(turns_q32: u32) -> i32 {
     const C1: i64 = 1_686_623_980;
@@ -498,8 +503,8 @@ impl Ripples {
             .iter()
             .filter(|r| r.amplitude != 0 || r.load_q16 != 0)
         {
-            // Whole turns drop out of the 32 bits. The rate is off by half a 2^32nd of a period a count: a thousandth
-            // of a turn after eight million counts, 36 m of cable.
+            // Whole turns drop out of the 32 bits. The rate is off by half a 2^32nd of a period a
+            // count: a thousandth of a turn after eight million counts, 36 m of cable.
             let turns = (counts.0 as u32)
                 .wrapping_mul(r.rate as u32)
                 .wrapping_add(r.phase as u32);
@@ -536,28 +541,31 @@ impl Stillness {
 /// 1.3 mm/s, one count a sample, and the smallest speed distinguishable from rest within 10 ms.
 pub const MOVING_NM: i32 = 1 << 12;
 
-/// Error that does not move the direction of a resting reel: 10 mN, two to six times the measured noise (1.7
-/// to 5 mN). A wider band leaves the cable that far off for as long as the integral takes to cross the friction.
+/// Error that does not move the direction of a resting reel: 10 mN, two to six times the measured
+/// noise (1.7 to 5 mN). A wider band leaves the cable that far off for as long as the integral
+/// takes to cross the friction.
 pub const REST_DEAD_BAND: Newton = Newton::from_un(10_000);
 
-/// How fast the direction of a resting reel follows the error: 0.6 a newton and sample (192 a newton and
-/// second), in steps of direction a step of force (2^30 / 2^22 * 0.6).
+/// How fast the direction of a resting reel follows the error: 0.6 a newton and sample (192 a
+/// newton and second), in steps of direction a step of force (2^30 / 2^22 * 0.6).
 const REST_STEPS: i64 = 154;
 
-/// Presliding distance at which the last element slides, over half of the configured reversal travel
-/// ([`UnitConfig::reversal_nm`]), while the host foretells the travel. The nominal contact's own is 0.6 (30 um, at
-/// 100 um configured). 0.7 costs less where the distance is twice as long.
+/// Presliding distance at which the last element slides, over half of the configured reversal
+/// travel ([`UnitConfig::reversal_nm`]), while the host foretells the travel. The nominal contact's
+/// own is 0.6 (30 um, at 100 um configured). 0.7 costs less where the distance is twice as long.
 const PRESLIDING_SHARE: f64 = 0.7;
 
-/// Presliding friction as four elements of equal parts that slide after a quarter, a half, three quarters and all
-/// of the presliding distance (Maxwell-slip, Al-Bender, Lampaert, Swevers 2005), each -1 to 1 times
-/// 2^30. Most of the friction reverses early, and a small turn back is a small loop.
+/// Presliding friction as four elements of equal parts that slide after a quarter, a half, three
+/// quarters and all of the presliding distance (Maxwell-slip, Al-Bender, Lampaert, Swevers 2005),
+/// each -1 to 1 times 2^30. Most of the friction reverses early, and a small turn back is a small
+/// loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Presliding([i32; 4]);
 
 impl Presliding {
-    /// Moves every element by a travel that moves the last one to slide by `last`, and by `further`; each at most by
-    /// [`Direction::ONE`], and so both together. All in 32 bits: this is most of what a foretold sample costs.
+    /// Moves every element by a travel that moves the last one to slide by `last`, and by
+    /// `further`; each at most by [`Direction::ONE`], and so both together. All in 32 bits: this is
+    /// most of what a foretold sample costs.
     fn step(&mut self, last: i32, further: i32) -> Direction {
         const ONE: i32 = Direction::ONE;
         let [a, b, c, d] = self.0;
@@ -582,21 +590,23 @@ impl Presliding {
 
 /// Estimates the reel's direction.
 ///
-/// *While the reel moves*, the estimate follows the travel alone, as presliding friction does: it changes in
-/// proportion to the travel and is complete after the reversal travel. It does not use the speed, so it cannot
-/// chatter around zero speed. One count of play suppresses the jitter of an encoder that stands on an edge.
+/// *While the reel moves*, the estimate follows the travel alone, as presliding friction does: it
+/// changes in proportion to the travel and is complete after the reversal travel. It does not use
+/// the speed, so it cannot chatter around zero speed. One count of play suppresses the jitter of an
+/// encoder that stands on an edge.
 ///
-/// *While it rests*, friction can have any value inside its band, and the motor's force does not reach the cable
-/// until the band is crossed. The estimate then depends on the direction in which the reel has to move: winding in
-/// for too little tension, paying out for too much. It moves to that side as long as the error is outside
-/// [`REST_DEAD_BAND`], and stays constant otherwise. So the feedforward is at the edge of the band when the reel
-/// starts to move, and does not jump a second time when the travel confirms the direction. (Measured on the plant of
-/// the emulated rig: without this the compensation acts after the integral has crossed the band, and makes the
-/// error larger.)
+/// *While it rests*, friction can have any value inside its band, and the motor's force does not
+/// reach the cable until the band is crossed. The estimate then depends on the direction in which
+/// the reel has to move: winding in for too little tension, paying out for too much. It moves to
+/// that side as long as the error is outside [`REST_DEAD_BAND`], and stays constant otherwise. So
+/// the feedforward is at the edge of the band when the reel starts to move, and does not jump a
+/// second time when the travel confirms the direction. (Measured on the plant of the emulated rig:
+/// without this the compensation acts after the integral has crossed the band, and makes the error
+/// larger.)
 ///
-/// *Where the host foretells the travel* ([`crate::preview`]), a reel at rest takes that in place of its own, which
-/// friction holds back until the estimate lets it go, and the estimate is that of [`Presliding`]. A reel that
-/// moves keeps its own travel.
+/// *Where the host foretells the travel* ([`crate::preview`]), a reel at rest takes that in place
+/// of its own, which friction holds back until the estimate lets it go, and the estimate is that of
+/// [`Presliding`]. A reel that moves keeps its own travel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DirectionEstimator {
     direction: Direction,
@@ -612,17 +622,18 @@ pub struct DirectionEstimator {
     presliding: Option<Presliding>,
 }
 
-/// Stillness from which the foretold travel counts in full: an eighth, as a shift. Found as the other numbers.
+/// Stillness from which the foretold travel counts in full: an eighth, as a shift. Found as the
+/// other numbers.
 const FORETOLD_SHIFT: u32 = 3;
 
 impl DirectionEstimator {
-    /// Most that the direction changes in one sample: half of a whole reversal. Whatever the reel does, the
-    /// feedforward takes two samples at least from one side to the other.
+    /// Most that the direction changes in one sample: half of a whole reversal. Whatever the reel
+    /// does, the feedforward takes two samples at least from one side to the other.
     pub const MAX_STEP: i64 = Direction::ONE as i64;
 
-    /// Takes a sample's travel in nanometres (positive: winding in) and the tension error (setpoint less
-    /// tension; zero while the loop is open). `foretold_q8`: the travel that the host foretells, in
-    /// nanometres times 256 ([`crate::preview::Preview::step`]).
+    /// Takes a sample's travel in nanometres (positive: winding in) and the tension error (setpoint
+    /// less tension; zero while the loop is open). `foretold_q8`: the travel that the host
+    /// foretells, in nanometres times 256 ([`crate::preview::Preview::step`]).
     pub fn step(
         &mut self,
         model: &Model,
@@ -642,7 +653,8 @@ impl DirectionEstimator {
         let effective = i64::from(position) - i64::from(self.slack_nm);
         let error = i64::from(error.to_bits());
         let band = i64::from(REST_DEAD_BAND.to_bits());
-        // 4 N give more than the largest step; 24 bits of it, 8 of the rate and 24 of stillness make 56.
+        // 4 N give more than the largest step; 24 bits of it, 8 of the rate and 24 of stillness
+        // make 56.
         let beyond = (error - clamp_abs(error, band)).clamp(-(4 << 22), 4 << 22);
         let intent = (beyond * REST_STEPS * i64::from(self.stillness().0)) >> 24;
 
@@ -674,8 +686,8 @@ impl DirectionEstimator {
         self.direction
     }
 
-    /// Travel of the last sample in nanometres, without the jitter of an encoder that stands on an edge. For
-    /// terms that depend on the speed: one count in a sample is 1.4 mm/s already.
+    /// Travel of the last sample in nanometres, without the jitter of an encoder that stands on an
+    /// edge. For terms that depend on the speed: one count in a sample is 1.4 mm/s already.
     #[must_use]
     pub const fn steady_travel_nm(&self) -> i32 {
         self.steady_nm
@@ -700,8 +712,8 @@ impl DirectionEstimator {
     }
 }
 
-/// Largest travel of a sample that is accepted, in nanometres: 4.2 mm in 3.1 ms is 1.3 m/s, twice what the
-/// motor reaches at the amplifier's voltage. Longer ones are limited to it.
+/// Largest travel of a sample that is accepted, in nanometres: 4.2 mm in 3.1 ms is 1.3 m/s, twice
+/// what the motor reaches at the amplifier's voltage. Longer ones are limited to it.
 pub const MAX_TRAVEL_NM: i32 = 1 << 22;
 
 /// Travel between two encoder positions in nanometres, positive winding in.

@@ -1,15 +1,16 @@
-//! Cable geometry of the thesis, section 3.7, generic over the number type: the host computes in `f64`, a
-//! board that has an FPU may in `f32`. Not in the sample path.
+//! Cable geometry of the thesis, section 3.7, generic over the number type: the host computes in
+//! `f64`, a board that has an FPU may in `f32`. Not in the sample path.
 //!
-//! Only the host calls it: the board gets directions with the setpoints, and [`crate::tip`] adds the forces up.
+//! Only the host calls it: the board gets directions with the setpoints, and [`crate::tip`] adds
+//! the forces up.
 //!
 //! All points and directions are in the robot's base frame (metre, or unit length).
 
 use nalgebra::{RealField, Vector3};
 
 /// Direction from the tip to the point where the cable meets the reel, of unit length:
-/// V = (P_unit - P_tip) / |P_unit - P_tip|. `None` where the two are closer than 1 mm (or not finite):
-/// there is no direction then.
+/// V = (P_unit - P_tip) / |P_unit - P_tip|. `None` where the two are closer than 1 mm (or not finite): there is
+/// no direction then.
 #[must_use]
 pub fn cable_direction<T: RealField + Copy>(
     unit: Vector3<T>,
@@ -26,8 +27,8 @@ pub fn cable_direction<T: RealField + Copy>(
     }
 }
 
-/// Cosine of the angle between cable and load-cell axis: V . A / (|V| |A|), in -1 to 1. `None` where one
-/// of them has no length.
+/// Cosine of the angle between cable and load-cell axis: V . A / (|V| |A|), in -1 to 1. `None`
+/// where one of them has no length.
 #[must_use]
 pub fn cos_cell_angle<T: RealField + Copy>(cable: Vector3<T>, axis: Vector3<T>) -> Option<T> {
     let lengths = cable.norm() * axis.norm();
@@ -51,8 +52,8 @@ pub fn cell_force<T: RealField + Copy>(tension: T, cos: T) -> T {
     tension * cos
 }
 
-/// Force that the cables apply at the tip: the sum of T_i V_i. Directions without a tension, and tensions
-/// without a direction, are left out.
+/// Force that the cables apply at the tip: the sum of T_i V_i. Directions without a tension, and
+/// tensions without a direction, are left out.
 #[must_use]
 pub fn applied_force<T: RealField + Copy>(directions: &[Vector3<T>], tensions: &[T]) -> Vector3<T> {
     directions
@@ -63,8 +64,8 @@ pub fn applied_force<T: RealField + Copy>(directions: &[Vector3<T>], tensions: &
         })
 }
 
-/// 1 / cos as the wire carries it (times 65,536, rounded). `None` where the cable stands 75.5 degrees or
-/// more off the axis: 1 / cos is above 4 and the cell hardly sees the cable.
+/// 1 / cos as the wire carries it (times 65,536, rounded). `None` where the cable stands 75.5
+/// degrees or more off the axis: 1 / cos is above 4 and the cell hardly sees the cable.
 #[must_use]
 pub fn inv_cos_q16<T: RealField + Copy>(cos: T) -> Option<i32> {
     let quarter = nalgebra::convert::<f64, T>(0.25);
@@ -87,8 +88,8 @@ pub fn direction_q14<T: RealField + Copy>(direction: &Vector3<T>) -> [i16; 3] {
         .into()
 }
 
-/// The angle of a cosine in degrees, for display and warnings only: micromath's polynomial is right to
-/// 0.5 degrees and ten times faster than an exact one.
+/// The angle of a cosine in degrees, for display and warnings only: micromath's polynomial is right
+/// to 0.5 degrees and ten times faster than an exact one.
 #[must_use]
 pub fn angle_deg(cos: f32) -> f32 {
     micromath::F32Ext::acos(cos.clamp(-1.0, 1.0)).to_degrees()

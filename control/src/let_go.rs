@@ -1,4 +1,5 @@
-//! Whether 0 V has an effect on a motor. A DAC may be stuck, its select wire broken, or the words of another unit reach it.
+//! Whether 0 V has an effect on a motor. A DAC may be stuck, its select wire broken, or the words
+//! of another unit reach it.
 //!
 //! | evidence | what it compares | time |
 //! | --- | --- | --- |
@@ -9,57 +10,66 @@
 //! | the reel winds in | for [`TRIAL_MS`] after the amplifiers got their power: travel from where it had paid out furthest | at once |
 //! | the cable tightens | for [`TRIAL_MS`] after the amplifiers got their power: tension above the least since then | `TIGHTER_SAMPLES` |
 //!
-//! Those of the reel need no load cell that can be believed. At 0 V nothing drives a reel inwards: friction and the cable both brake
-//! it. A reel that winds in faster than before, or on and on, is driven by its motor.
+//! Those of the reel need no load cell that can be believed. At 0 V nothing drives a reel inwards:
+//! friction and the cable both brake it. A reel that winds in faster than before, or on and on, is
+//! driven by its motor.
 //!
-//! A load cell that reads too little says at once that the cable has let go. After a fault that puts it in doubt the encoder has to
-//! show it. Where the motor had no force before (its amplifier is off) nothing shows it either: that counts as not let go.
+//! A load cell that reads too little says at once that the cable has let go. After a fault that
+//! puts it in doubt the encoder has to show it. Where the motor had no force before (its amplifier
+//! is off) nothing shows it either: that counts as not let go.
 
 use crate::friction::travel;
 use crate::plausible::milli;
 use crate::units::{EncoderCounts, Micros, Newton};
 use wire::UnitIndex;
 
-/// Tension that a cable must come down to after 0 V: what the friction of a reel at rest holds, 1.1 N, and a margin.
+/// Tension that a cable must come down to after 0 V: what the friction of a reel at rest holds, 1.1
+/// N, and a margin.
 pub const LET_GO: Newton = Newton::from_un(1_700_000);
 
 /// Tension from which letting go is told from holding on.
 const HELD: Newton = Newton::from_un(2_000_000);
 
-/// Encoder counts that a reel pays out at least when a cable of [`HELD`] lets go: 5 are 21 um, half of what a stiff cable
-/// of 24 N/mm gives back between 2 and 1.1 N.
+/// Encoder counts that a reel pays out at least when a cable of [`HELD`] lets go: 5 are 21 um, half
+/// of what a stiff cable of 24 N/mm gives back between 2 and 1.1 N.
 const LET_GO_COUNTS: i32 = 5;
 
-/// Cable wound in, in nanometres, while the tension stays at [`HELD`] or above, that a motor at 0 V does not take up: ten counts.
-/// A weight that is hung on a cable or a robot that moves away lets the reel pay out; a hand that turns it does wind in.
+/// Cable wound in, in nanometres, while the tension stays at [`HELD`] or above, that a motor at 0 V
+/// does not take up: ten counts. A weight that is hung on a cable or a robot that moves away lets
+/// the reel pay out; a hand that turns it does wind in.
 const PULLED_NM: i32 = 42_000;
 
 /// How fast cable that was wound in below [`HELD`] is forgotten: 1/16 a sample, 50 ms.
 const WOUND_IN_SHIFT: u32 = 4;
 
-/// Time after 0 V in which a reel that was winding in comes to rest, in milliseconds: from 50 mm/s at 2 m/s^2.
+/// Time after 0 V in which a reel that was winding in comes to rest, in milliseconds: from 50 mm/s
+/// at 2 m/s^2.
 pub const COASTING_MS: u8 = 30;
 
-/// Cable that no reel at 0 V winds in after that, in nanometres: twice what a presliding contact springs back (50 um).
+/// Cable that no reel at 0 V winds in after that, in nanometres: twice what a presliding contact
+/// springs back (50 um).
 const WOUND_IN_NM: i32 = 100_000;
 
-/// Time after 0 V in which a cable must let go, in microseconds: three times what the converter's filter (12.5 ms), the unit's
-/// filter and the cable (6 ms on the emulated rig) take.
+/// Time after 0 V in which a cable must let go, in microseconds: three times what the converter's
+/// filter (12.5 ms), the unit's filter and the cable (6 ms on the emulated rig) take.
 pub const LET_GO_US: u32 = 75_000;
 
-/// Gain of speed, winding in, that no reel at 0 V has, in nanometres a nominal sample: 25 mm/s. The springs of a presliding
-/// contact give back 9 mm/s at most (0.9 N over 50 um, 0.5 kg).
+/// Gain of speed, winding in, that no reel at 0 V has, in nanometres a nominal sample: 25 mm/s. The
+/// springs of a presliding contact give back 9 mm/s at most (0.9 N over 50 um, 0.5 kg).
 pub const DRIVEN_NM: i32 = 78_125;
 
-/// Travels after 0 V that are not compared: the word acts within the first, and the mean speed of an interval lags by half.
+/// Travels after 0 V that are not compared: the word acts within the first, and the mean speed of
+/// an interval lags by half.
 const SETTLING_TRAVELS: u8 = 2;
 
-/// Time after the amplifiers got their power in which no reel may wind in, in milliseconds: the PLC waits for ten edges of the
-/// alive line (10 ms), an output that is stuck with 2 N winds in `WOUND_IN_NM` in 10 ms. The rest is for a relay and an amplifier
-/// that are slower than those of the emulated rig.
+/// Time after the amplifiers got their power in which no reel may wind in, in milliseconds: the PLC
+/// waits for ten edges of the alive line (10 ms), an output that is stuck with 2 N winds in
+/// `WOUND_IN_NM` in 10 ms. The rest is for a relay and an amplifier that are slower than those of
+/// the emulated rig.
 pub const TRIAL_MS: u16 = 300;
 
-/// Samples in a row in [`TRIAL_MS`] with [`HELD`] more than before, 12.5 ms: what the converter's filter takes.
+/// Samples in a row in [`TRIAL_MS`] with [`HELD`] more than before, 12.5 ms: what the converter's
+/// filter takes.
 const TIGHTER_SAMPLES: u8 = 4;
 
 /// Calls of [`LetGo::turned`], a millisecond apart, that make a travel of a nominal sample.
@@ -82,7 +92,8 @@ pub struct Released {
     pub over_tension: bool,
 }
 
-/// Watches whether a cable lets go after its motor was switched to 0 V, and whether the motor stays without force.
+/// Watches whether a cable lets go after its motor was switched to 0 V, and whether the motor stays
+/// without force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LetGo {
     waiting: Option<Waiting>,
@@ -104,7 +115,8 @@ pub struct LetGo {
 struct Trial {
     /// Where it had paid out furthest.
     outermost: Option<EncoderCounts>,
-    /// The least tension, whose zero may not be measured yet, and samples in a row that were far above it.
+    /// The least tension, whose zero may not be measured yet, and samples in a row that were far
+    /// above it.
     least: Option<Newton>,
     tighter: u8,
     /// The reel has wound in, or the cable has become tight.
@@ -118,7 +130,8 @@ struct Waiting {
     since: Micros,
     at: EncoderCounts,
     tension: Option<Newton>,
-    /// It began with a tension that came back: a load cell that reads too little did not begin it, and may end it.
+    /// It began with a tension that came back: a load cell that reads too little did not begin it,
+    /// and may end it.
     again: bool,
 }
 
@@ -134,7 +147,8 @@ struct Reel {
     /// Without a load cell: where the present travel began, and calls since.
     began: Option<EncoderCounts>,
     turns: u8,
-    /// Without a load cell: calls, up to [`COASTING_MS`], and where it had paid out furthest after them.
+    /// Without a load cell: calls, up to [`COASTING_MS`], and where it had paid out furthest after
+    /// them.
     coasting: u8,
     outermost: EncoderCounts,
 }
@@ -167,8 +181,8 @@ impl Reel {
 }
 
 impl LetGo {
-    /// A sample of a unit that is driven. `least`: the least tension that its command can make, so that a load cell that reads too
-    /// little does not end the watch before it begins.
+    /// A sample of a unit that is driven. `least`: the least tension that its command can make, so
+    /// that a load cell that reads too little does not end the watch before it begins.
     pub fn driven(&mut self, counts: EncoderCounts, tension: Newton, least: Newton) {
         *self = Self {
             last: Some((counts, tension.max(least))),
@@ -177,7 +191,8 @@ impl LetGo {
         };
     }
 
-    /// 0 V was written. Starts the watch where the unit was driven with enough tension to see it go.
+    /// 0 V was written. Starts the watch where the unit was driven with enough tension to see it
+    /// go.
     pub fn switched_off(&mut self, now: Micros) {
         if let Some((at, tension)) = self.last.take() {
             self.reel = Reel::default();
@@ -192,10 +207,12 @@ impl LetGo {
         }
     }
 
-    /// A sample of a unit that is not driven. While other motors are driven, a word that reaches the wrong DAC can pull this cable
-    /// again after it let go. A robot cannot: a reel at 0 V pays out at less than [`LET_GO`]. With every motor at 0 V an output that
-    /// is stuck pulls when the power comes back, or one that fails now: that winds the reel in. It counts once the unit was driven with this
-    /// configuration: other electronics may drive the motors of a board that only measures.
+    /// A sample of a unit that is not driven. While other motors are driven, a word that reaches
+    /// the wrong DAC can pull this cable again after it let go. A robot cannot: a reel at 0 V pays
+    /// out at less than [`LET_GO`]. With every motor at 0 V an output that is stuck pulls when the
+    /// power comes back, or one that fails now: that winds the reel in. It counts once the unit was
+    /// driven with this configuration: other electronics may drive the motors of a board that only
+    /// measures.
     pub fn released(&mut self, now: Micros, sample: Released) {
         let believed = !self.doubted;
         self.blind &= !believed;
@@ -282,7 +299,8 @@ impl LetGo {
         if !self.blind && !self.doubted {
             return;
         }
-        // Only paying out is letting go: a robot that moves towards the unit can let a stuck motor wind in.
+        // Only paying out is letting go: a robot that moves towards the unit can let a stuck motor
+        // wind in.
         let let_go_nm = nm_per_count.saturating_abs().saturating_mul(-LET_GO_COUNTS);
         if self.waiting.is_some_and(|waiting| {
             !waiting.again && travel(waiting.at, counts, nm_per_count) <= let_go_nm
@@ -315,7 +333,8 @@ impl LetGo {
         }
     }
 
-    /// The tension, once a cable should have let go and has not, or a reel at 0 V is driven; `None` in it: not measured.
+    /// The tension, once a cable should have let go and has not, or a reel at 0 V is driven; `None`
+    /// in it: not measured.
     #[must_use]
     pub fn overdue(&self, now: Micros) -> Option<Option<Newton>> {
         if self.reel.driven || self.trial.is_some_and(|trial| trial.driven) {

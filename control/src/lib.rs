@@ -1,8 +1,8 @@
-//! The control core of the force rig: what happens between a load cell's code and a DAC's code, and when
-//! it is allowed to happen.
+//! The control core of the force rig: what happens between a load cell's code and a DAC's code, and
+//! when it is allowed to happen.
 //!
-//! No peripherals, no global state, no allocation, no panics. The same objects run on the board, in the
-//! emulated rig and in unit tests.
+//! No peripherals, no global state, no allocation, no panics. The same objects run on the board, in
+//! the emulated rig and in unit tests.
 //!
 //! | question | module |
 //! | --- | --- |
@@ -20,22 +20,22 @@
 //!
 //! # Error of the fixed-point arithmetic
 //!
-//! At most 1 mN from load code to command (the force before it is rounded to a DAC code, which adds up to
-//! half a code, 1.77 mN). `tests/reference.rs` compares every sample with an independent `f64` version of
-//! the whole step, written from these pages, over configurations anywhere in their ranges and runs of up to
-//! 100,000 samples, integrators included; found: 0.26 mN at worst in 32 million samples.
-//! `cargo run -p control --example fixed_point_error` prints the figure.
+//! At most 1 mN from load code to command (the force before it is rounded to a DAC code, which adds
+//! up to half a code, 1.77 mN). `tests/reference.rs` compares every sample with an independent
+//! `f64` version of the whole step, written from these pages, over configurations anywhere in their
+//! ranges and runs of up to 100,000 samples, integrators included; found: 0.26 mN at worst in 32
+//! million samples. `cargo run -p control --example fixed_point_error` prints the figure.
 //!
 //! # Cost
 //!
 //! 32-bit by 32-bit and a few 64-bit multiplications, no division, no float and no panic in
-//! [`Controller::step`]: built for the Cortex-M7 it is 1,500 instructions long with all its branches, of which
-//! a sample takes a part.
+//! [`Controller::step`]: built for the Cortex-M7 it is 1,500 instructions long with all its
+//! branches, of which a sample takes a part.
 //!
 //! # Signs
 //!
-//! Tension, force and command are positive where the motor pulls the cable in. Encoder travel is positive
-//! where the reel winds in. Direction +1 is winding in, -1 paying out.
+//! Tension, force and command are positive where the motor pulls the cable in. Encoder travel is
+//! positive where the reel winds in. Direction +1 is winding in, -1 paying out.
 #![no_std]
 #![warn(
     clippy::indexing_slicing,
@@ -72,8 +72,8 @@ pub use unit::{Controller, Input, Output, State};
 pub use units::{AdcCode, DacCode, EncoderCounts, InvCos, Micros, Newton};
 pub use wire::{UnitIndex, UnitSet, UNITS};
 
-/// Nominal sample rate of a NAU7802 at CRS = 7, in samples a second (datasheet 11.3). The RC oscillator
-/// makes it 310 to 330.
+/// Nominal sample rate of a NAU7802 at CRS = 7, in samples a second (datasheet 11.3). The RC
+/// oscillator makes it 310 to 330.
 pub const NOMINAL_SPS: u32 = 320;
 
 /// Nominal time between two samples of a unit in microseconds.

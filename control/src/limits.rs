@@ -1,12 +1,12 @@
 //! How fast a force may change.
 //!
-//! A slow ramp moves by few steps of [`Newton`] a sample, and the rounding errors of the steps would add up. So
-//! a ramp has 26 more fraction bits.
+//! A slow ramp moves by few steps of [`Newton`] a sample, and the rounding errors of the steps
+//! would add up. So a ramp has 26 more fraction bits.
 
 use crate::units::Newton;
 
-/// Not further from zero than `bound`, which is not negative. Unlike `clamp` it can't panic whatever the
-/// bound is, so no panic is linked into the sample path.
+/// Not further from zero than `bound`, which is not negative. Unlike `clamp` it can't panic
+/// whatever the bound is, so no panic is linked into the sample path.
 pub(crate) fn clamp_abs<T: Ord + Copy + core::ops::Neg<Output = T>>(value: T, bound: T) -> T {
     value.min(bound).max(-bound)
 }

@@ -1,9 +1,9 @@
 //! The state machine of one unit as a pure function: state and conditions in, state and action out
 //! (thesis 3.6.2, MotorStateMachine).
 //!
-//! The caller owns the latch ([`crate::faults::Latch`]) and passes `faulted` for as long as it holds one.
-//! Clearing brings the unit up again from the start, because the state of its converter is unknown after a
-//! fault. A unit runs only while the board is armed.
+//! The caller owns the latch ([`crate::faults::Latch`]) and passes `faulted` for as long as it
+//! holds one. Clearing brings the unit up again from the start, because the state of its converter
+//! is unknown after a fault. A unit runs only while the board is armed.
 
 use crate::state::{MotorState, SystemState};
 
@@ -53,7 +53,8 @@ pub fn next(state: MotorState, on: Conditions) -> Transition {
         Faulted
     } else {
         match state {
-            // A unit that was off or faulted starts from the beginning, and never in the middle of a run.
+            // A unit that was off or faulted starts from the beginning, and never in the middle of
+            // a run.
             Offline | Faulted => {
                 if on.system.drives() {
                     state
@@ -64,7 +65,8 @@ pub fn next(state: MotorState, on: Conditions) -> Transition {
             // A unit that becomes ready during a run waits: only arming makes a unit run.
             BringUp if on.sensor_up && !on.system.drives() => Ready,
             BringUp => BringUp,
-            // A converter that was lost without a fault (a recovery that starts over) leaves the loop.
+            // A converter that was lost without a fault (a recovery that starts over) leaves the
+            // loop.
             Ready | Running | Zeroing | Stopping if !on.sensor_up => BringUp,
             Ready | Running | Zeroing | Stopping => match on.system {
                 SystemState::Running if matches!(state, Stopping) => Stopping,

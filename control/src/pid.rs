@@ -1,27 +1,28 @@
-//! PID on the tension error with the derivative on the measurement, plus damping on the reel's speed.
+//! PID on the tension error with the derivative on the measurement, plus damping on the reel's
+//! speed.
 //!
 //! # Time
 //!
-//! A converter runs at 310 to 330 SPS. The integral uses the measured time between two DRDY edges, so that
-//! its rate is a true 1/s and a lost sample is accounted for. The derivative and the damping use the nominal
-//! rate: an error of 3 % of the damping gain is acceptable, and this saves a division. After lost samples the
-//! difference is divided by the number of periods it spans.
+//! A converter runs at 310 to 330 SPS. The integral uses the measured time between two DRDY edges,
+//! so that its rate is a true 1/s and a lost sample is accounted for. The derivative and the
+//! damping use the nominal rate: an error of 3 % of the damping gain is acceptable, and this saves
+//! a division. After lost samples the difference is divided by the number of periods it spans.
 //!
 //! # Damping
 //!
-//! The load cell's signal has a delay of 6.25 ms (sinc4), the encoder's has none. Reel, gear and motor are
-//! 0.46 kg at the cable. With a cable of some N/mm they oscillate at 16 to 25 Hz, where the delay leaves the loop
-//! no phase margin. A force against the reel's speed damps this oscillation. Its steady part would
-//! pull against every motion of the robot, so the speed passes a first-order high pass of
-//! [`DAMPING_CORNER_HZ`] first.
+//! The load cell's signal has a delay of 6.25 ms (sinc4), the encoder's has none. Reel, gear and
+//! motor are 0.46 kg at the cable. With a cable of some N/mm they oscillate at 16 to 25 Hz, where
+//! the delay leaves the loop no phase margin. A force against the reel's speed damps this
+//! oscillation. Its steady part would pull against every motion of the robot, so the speed passes a
+//! first-order high pass of [`DAMPING_CORNER_HZ`] first.
 //!
 //! # At rest
 //!
-//! A reel at rest holds any force inside its friction band: the motor's force does not reach the cable, the
-//! loop is open and its delay harmless. Without a friction model only the integral can cross the band,
-//! so it runs five times as fast while the reel rests, fading to its own rate at
-//! [`MOVING_NM`](crate::friction::MOVING_NM). With the friction feedforward on, the direction estimate
-//! crosses the band and the integral keeps its rate.
+//! A reel at rest holds any force inside its friction band: the motor's force does not reach the
+//! cable, the loop is open and its delay harmless. Without a friction model only the integral can
+//! cross the band, so it runs five times as fast while the reel rests, fading to its own rate at
+//! [`MOVING_NM`](crate::friction::MOVING_NM). With the friction feedforward on, the direction
+//! estimate crosses the band and the integral keeps its rate.
 
 use crate::config::{Config, KI_SHIFT};
 use crate::friction::Stillness;
@@ -111,9 +112,10 @@ impl Pid {
         }
     }
 
-    /// Adds this sample's error to the integral. `excess` is the unlimited command less what the limits let
-    /// through: an addition that pushes further into a limit is cut by it, down to nothing (anti-windup by
-    /// clamping, without a jump at the limit). `boost`: see the module's page, "At rest".
+    /// Adds this sample's error to the integral. `excess` is the unlimited command less what the
+    /// limits let through: an addition that pushes further into a limit is cut by it, down to
+    /// nothing (anti-windup by clamping, without a jump at the limit). `boost`: see the module's
+    /// page, "At rest".
     pub fn integrate(
         &mut self,
         config: &Config,
@@ -122,8 +124,8 @@ impl Pid {
         boost: Stillness,
     ) {
         let error = i64::from(measured.error.to_bits());
-        // ki dt, times 2^30: at most 200/s * 12.5 ms = 2.5, up to five times that at rest; cut at 2 so that
-        // the product with the error stays within 62 bits.
+        // ki dt, times 2^30: at most 200/s * 12.5 ms = 2.5, up to five times that at rest; cut at 2
+        // so that the product with the error stays within 62 bits.
         let gain_q30 = (i64::from(config.ki_us) * i64::from(measured.dt_us)) >> (KI_SHIFT - 30);
         let boosted = (gain_q30 * (Stillness::ONE + REST_BOOST * i64::from(boost.q24()))) >> 24;
         let mut addition = error * boosted.min(1 << 31);

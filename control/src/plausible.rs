@@ -1,5 +1,6 @@
-//! Whether a unit's load cell and motor can be believed. A load cell that reads too little is the dangerous one: the loop
-//! pulls harder and nothing that is measured shows it. What does show it is physics that the loop does not use.
+//! Whether a unit's load cell and motor can be believed. A load cell that reads too little is the
+//! dangerous one: the loop pulls harder and nothing that is measured shows it. What does show it is
+//! physics that the loop does not use.
 //!
 //! | watch | what it compares | fault |
 //! | --- | --- | --- |
@@ -15,22 +16,25 @@
 //!
 //! # The band, and why motion counts
 //!
-//! A resting reel holds any tension between what the command makes while winding in and what it holds while paying out
-//! (see [`crate::friction`]). Outside this band the difference accelerates reel and motor, 0.5 kg at the cable. So the watch
-//! adds up the difference past [`UnitConfig::plausible_un`](wire::message::UnitConfig::plausible_un) and subtracts the
-//! momentum that the reel has gained. A cable that was slack, or a robot that pulls, moves the reel: nothing is left. A
-//! load cell that lies, or an amplifier that does not act, leaves the whole difference.
+//! A resting reel holds any tension between what the command makes while winding in and what it
+//! holds while paying out (see [`crate::friction`]). Outside this band the difference accelerates
+//! reel and motor, 0.5 kg at the cable. So the watch adds up the difference past
+//! [`UnitConfig::plausible_un`](wire::message::UnitConfig::plausible_un) and subtracts the momentum
+//! that the reel has gained. A cable that was slack, or a robot that pulls, moves the reel: nothing
+//! is left. A load cell that lies, or an amplifier that does not act, leaves the whole difference.
 //!
-//! A reel that slides has the friction of one direction only, so the tension is known better: it is at one edge of the band.
-//! There [`SLIDING_SHARE_Q8`] of the permitted difference is enough, and [`SLIDING_IMPULSE`]. This finds a slow drift of a load
-//! cell, which keeps inside the whole band until the cable is slack.
+//! A reel that slides has the friction of one direction only, so the tension is known better: it is
+//! at one edge of the band. There [`SLIDING_SHARE_Q8`] of the permitted difference is enough, and
+//! [`SLIDING_IMPULSE`]. This finds a slow drift of a load cell, which keeps inside the whole band
+//! until the cable is slack.
 //!
 //! # More pull than the command
 //!
-//! A reel that speeds up against a cable whose tension rises above its setpoint is driven by more force than its command
-//! gives: a robot that comes closer lowers the tension, one that goes away turns the reel the other way. `Surge` compares
-//! the momentum of four samples with the force that the command can explain. It acts within 10 ms of a jump of the
-//! amplifier's gain, before the load cell's filter has followed.
+//! A reel that speeds up against a cable whose tension rises above its setpoint is driven by more
+//! force than its command gives: a robot that comes closer lowers the tension, one that goes away
+//! turns the reel the other way. `Surge` compares the momentum of four samples with the force that
+//! the command can explain. It acts within 10 ms of a jump of the amplifier's gain, before the load
+//! cell's filter has followed.
 
 use crate::config::Config;
 use crate::faults::Fault;
@@ -38,49 +42,56 @@ use crate::unit::{Drive, Output};
 use crate::units::{AdcCode, Newton};
 use wire::message::flags;
 
-/// Equal codes in a row that make a fault. Noise is hundreds of counts (device-facts: 1.5 mN are 215), so that two equal
-/// codes are rare and eight do not occur.
+/// Equal codes in a row that make a fault. Noise is hundreds of counts (device-facts: 1.5 mN are
+/// 215), so that two equal codes are rare and eight do not occur.
 pub const FROZEN_SAMPLES: u8 = 8;
 
-/// Tension below which a load cell is wrong. Calibrations of the converter and drift move the zero by 0.1 N; a zero that was
-/// taken with a cable that friction of the reel still held reads 0.9 N too little.
+/// Tension below which a load cell is wrong. Calibrations of the converter and drift move the zero
+/// by 0.1 N; a zero that was taken with a cable that friction of the reel still held reads 0.9 N
+/// too little.
 pub const NEGATIVE: Newton = Newton::from_un(-1_000_000);
 
-/// Samples in a row below [`NEGATIVE`] that make a fault, 19 ms: longer than a cell rings after a cable went slack.
+/// Samples in a row below [`NEGATIVE`] that make a fault, 19 ms: longer than a cell rings after a
+/// cable went slack.
 pub const NEGATIVE_SAMPLES: u8 = 6;
 
-/// Samples in a row with the command at a limit that make a fault, 0.2 s: a transient of the loop is over by then.
+/// Samples in a row with the command at a limit that make a fault, 0.2 s: a transient of the loop
+/// is over by then.
 pub const LIMIT_SAMPLES: u8 = 64;
 
 /// Error that counts as "not at the setpoint" while the command stands at a limit.
 const LIMIT_ERROR: Newton = Newton::from_un(300_000);
 
-/// Sum of the unexplained difference that makes a fault, in newton times samples: 50 are 0.16 N s. A difference of 5 N past
-/// the permitted one takes 10 samples, 31 ms.
+/// Sum of the unexplained difference that makes a fault, in newton times samples: 50 are 0.16 N s.
+/// A difference of 5 N past the permitted one takes 10 samples, 31 ms.
 pub const IMPULSE: Newton = Newton::from_un(50_000_000);
 
-/// Momentum of the reel in newton times samples for a travel of a nanometre a sample, in steps of force times 256:
-/// 0.51 kg / (3.125 ms)^2 = 5.22e-5 N a nanometre, times 2^22 steps and 256.
+/// Momentum of the reel in newton times samples for a travel of a nanometre a sample, in steps of
+/// force times 256: 0.51 kg / (3.125 ms)^2 = 5.22e-5 N a nanometre, times 2^22 steps and 256.
 const MOMENTUM_Q8: i64 = 56_075;
 
-/// Part of the permitted difference that a sliding reel may have from its edge of the band, times 256: 5/8, 1.6 N of 2.5 N.
+/// Part of the permitted difference that a sliding reel may have from its edge of the band, times
+/// 256: 5/8, 1.6 N of 2.5 N.
 pub const SLIDING_SHARE_Q8: i64 = 160;
 
-/// Sum of the difference past that which makes a fault, in newton times samples: 0.5 N for 20 samples, 62 ms.
+/// Sum of the difference past that which makes a fault, in newton times samples: 0.5 N for 20
+/// samples, 62 ms.
 pub const SLIDING_IMPULSE: Newton = Newton::from_un(10_000_000);
 
-/// Mean travel of a sample from which a reel counts as sliding, in nanometres: 1 mm/s. Less may be presliding.
+/// Mean travel of a sample from which a reel counts as sliding, in nanometres: 1 mm/s. Less may be
+/// presliding.
 const SLIDING_NM: i32 = 3_125;
 
-/// Travel of a sample that enters the mean at most, in nanometres: 4 mm/s. So a reel that stops counts as sliding for
-/// 35 ms, however fast it was.
+/// Travel of a sample that enters the mean at most, in nanometres: 4 mm/s. So a reel that stops
+/// counts as sliding for 35 ms, however fast it was.
 const SLIDING_CLAMP_NM: i32 = 4 * SLIDING_NM;
 
 /// How fast the mean of the travel follows, 1/8 a sample (25 ms).
 const SLIDING_SHIFT: u32 = 3;
 
-/// Momentum without an explanation that makes a fault, in newton times samples: 2 are 6 mN s, or 12 mm/s of a reel of 0.51 kg.
-/// The robot accelerates a reel by 3 mm/s in this time (the emulated trajectories), and the tension then falls.
+/// Momentum without an explanation that makes a fault, in newton times samples: 2 are 6 mN s, or 12
+/// mm/s of a reel of 0.51 kg. The robot accelerates a reel by 3 mm/s in this time (the emulated
+/// trajectories), and the tension then falls.
 pub const SURGE: Newton = Newton::from_un(2_000_000);
 
 /// Tension above the setpoint from which a gain of speed counts as a surge.
@@ -92,17 +103,18 @@ const SURGE_SAMPLES: usize = 4;
 /// Tension below which a cable is slack for [`SLACK_SAMPLES`].
 const SLACK: Newton = Newton::from_un(500_000);
 
-/// Samples in a row in which a cable is slack, the reel rests and the command would tighten it by `SLACK` and more: 100 ms. A reel
-/// that takes up slack moves.
+/// Samples in a row in which a cable is slack, the reel rests and the command would tighten it by
+/// `SLACK` and more: 100 ms. A reel that takes up slack moves.
 pub const SLACK_SAMPLES: u8 = 32;
 
-/// Sum of what the command would tighten such a cable by, past twice `SLACK` and less what the reel has gained, that
-/// makes a fault, in newton times samples: 6 are 19 mN s, or 37 mm/s of a reel of 0.51 kg. More than half a sample of 12 N, by
-/// which the travel lags. A command that rises gets there in 35 ms, before a reel whose encoder stands still is fast.
+/// Sum of what the command would tighten such a cable by, past twice `SLACK` and less what the reel
+/// has gained, that makes a fault, in newton times samples: 6 are 19 mN s, or 37 mm/s of a reel of
+/// 0.51 kg. More than half a sample of 12 N, by which the travel lags. A command that rises gets
+/// there in 35 ms, before a reel whose encoder stands still is fast.
 pub const SLACK_IMPULSE: Newton = Newton::from_un(6_000_000);
 
-/// How fast the command's envelopes follow it, 1/8 a sample (25 ms): the measured tension follows the command by the
-/// converter's 6 ms, the filter's 2 ms and a quarter of the cable's swing, 7 ms.
+/// How fast the command's envelopes follow it, 1/8 a sample (25 ms): the measured tension follows
+/// the command by the converter's 6 ms, the filter's 2 ms and a quarter of the cable's swing, 7 ms.
 const ENVELOPE_SHIFT: u32 = 3;
 
 /// The watch over one unit, sample by sample.
@@ -140,13 +152,15 @@ struct Surge {
     /// The oldest first.
     samples: [(i32, Newton); SURGE_SAMPLES],
     filled: u8,
-    /// Samples for which a gain of speed without an explanation still counts: the load cell's filter shows the tension later.
+    /// Samples for which a gain of speed without an explanation still counts: the load cell's
+    /// filter shows the tension later.
     remembered: u8,
 }
 
 impl Surge {
-    /// Adds a sample: its travel in nanometres, winding in positive, and the net force that the command can give in this
-    /// direction. Whether the reel has just gained more momentum than that explains.
+    /// Adds a sample: its travel in nanometres, winding in positive, and the net force that the
+    /// command can give in this direction. Whether the reel has just gained more momentum than that
+    /// explains.
     fn add(&mut self, travel_nm: i32, force: Newton) -> bool {
         let (before_nm, _) = self.samples[0];
         self.samples.rotate_left(1);
@@ -159,7 +173,8 @@ impl Surge {
             .samples
             .iter()
             .fold(Newton::ZERO, |sum, (_, force)| sum.saturating_add(*force));
-        // A reel that comes to rest after it was pulled out gains none: the tension that the filter has not shown yet did it.
+        // A reel that comes to rest after it was pulled out gains none: the tension that the filter
+        // has not shown yet did it.
         let gained = i64::from(travel_nm.max(0)) - i64::from(before_nm.max(0));
         let momentum = Newton::from_wide((gained * MOMENTUM_Q8) >> 8);
         self.remembered = if momentum.saturating_sub(explained) > SURGE {
@@ -176,12 +191,14 @@ impl Surge {
 struct Difference {
     /// Steps of force times samples.
     sum: i64,
-    /// Travel of the sample before the sum began, in nanometres towards the side that the difference pulls to.
+    /// Travel of the sample before the sum began, in nanometres towards the side that the
+    /// difference pulls to.
     began_nm: i32,
 }
 
 impl Difference {
-    /// Adds a sample's excess, and returns it where the sum is above `limit` and the reel's motion does not explain it.
+    /// Adds a sample's excess, and returns it where the sum is above `limit` and the reel's motion
+    /// does not explain it.
     fn add(&mut self, excess: Newton, travel_nm: i32, limit: Newton) -> Option<Newton> {
         if excess <= Newton::ZERO {
             *self = Self {
@@ -333,7 +350,8 @@ impl Watch {
             })
     }
 
-    /// A cable that stays slack though the command would tighten it. Call it behind [`Self::sliding`], which averages the travel.
+    /// A cable that stays slack though the command would tighten it. Call it behind
+    /// [`Self::sliding`], which averages the travel.
     fn slack(&mut self, config: &Config, drive: Drive, output: &Output) -> Option<(Fault, u32)> {
         let least = config.friction.least(self.low);
         let now = config.friction.least(output.command.min(self.last_command));

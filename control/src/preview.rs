@@ -1,20 +1,22 @@
 //! How far the host's word on a reel's speed is believed.
 //!
-//! The host knows how the robot moves, and so how fast each reel has to wind in or pay out. The board can see that
-//! from the encoder only afterwards: at a reversal the reel first has to be pulled through its presliding distance.
-//! The host's speed therefore moves the direction estimate of a reel that rests
-//! ([`crate::friction::DirectionEstimator`]). It is a prior: a reel that moves has its travel, and a speed that does
-//! not agree with the travel is not used at all.
+//! The host knows how the robot moves, and so how fast each reel has to wind in or pay out. The
+//! board can see that from the encoder only afterwards: at a reversal the reel first has to be
+//! pulled through its presliding distance. The host's speed therefore moves the direction estimate
+//! of a reel that rests ([`crate::friction::DirectionEstimator`]). It is a prior: a reel that moves
+//! has its travel, and a speed that does not agree with the travel is not used at all.
 
 use crate::friction::ReelSpeed;
 use crate::limits::clamp_abs;
 
-/// Largest distance between expected and measured travel, in nanometres: 0.5 mm. The cable's stretch is part of it:
-/// a step of the setpoint by 5 N makes 0.2 mm of it with the nominal cable (24 N/mm).
+/// Largest distance between expected and measured travel, in nanometres: 0.5 mm. The cable's
+/// stretch is part of it: a step of the setpoint by 5 N makes 0.2 mm of it with the nominal cable
+/// (24 N/mm).
 pub const DOUBT_NM: i32 = 500_000;
 
-/// Share of that distance that is forgotten in a sample: 1/128, a time constant of 0.4 s. So an expected speed may be off by
-/// 1.25 mm/s for long, ten times the error of an estimate from poses with 10 um of noise.
+/// Share of that distance that is forgotten in a sample: 1/128, a time constant of 0.4 s. So an
+/// expected speed may be off by 1.25 mm/s for long, ten times the error of an estimate from poses
+/// with 10 um of noise.
 const FORGET_SHIFT: u32 = 7;
 
 /// Samples for which the host is not believed after that, 0.8 s: two time constants.
@@ -30,8 +32,9 @@ pub struct Preview {
 }
 
 impl Preview {
-    /// Takes the speed that the host expects, and the travel of a sample that spans 2^`periods_shift` nominal periods.
-    /// The travel to be expected in this sample in nanometres, times 256, where it is believed.
+    /// Takes the speed that the host expects, and the travel of a sample that spans
+    /// 2^`periods_shift` nominal periods. The travel to be expected in this sample in nanometres,
+    /// times 256, where it is believed.
     pub fn step(
         &mut self,
         expected: Option<ReelSpeed>,

@@ -1,5 +1,5 @@
-//! The states of a unit and of the board, with the numbers that travel on the wire. Stable: a number is
-//! never given a second meaning.
+//! The states of a unit and of the board, with the numbers that travel on the wire. Stable: a
+//! number is never given a second meaning.
 
 /// A row: what the state is, its number on the wire, its name in messages.
 macro_rules! states {

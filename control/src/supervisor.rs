@@ -1,5 +1,5 @@
-//! Small watchers: a rate bounded from above and below, setpoints that expire, and the check-in that
-//! stands before the watchdog.
+//! Small watchers: a rate bounded from above and below, setpoints that expire, and the check-in
+//! that stands before the watchdog.
 
 use crate::units::{EncoderCounts, Micros, Newton};
 
@@ -28,8 +28,8 @@ pub struct RateLimits {
 }
 
 impl RateLimits {
-    /// Of a load-cell converter: 320 SPS +-3 % by its oscillator, plus 2 % for what the datasheet does not
-    /// promise (297 to 344 SPS), and silent after four conversions.
+    /// Of a load-cell converter: 320 SPS +-3 % by its oscillator, plus 2 % for what the datasheet
+    /// does not promise (297 to 344 SPS), and silent after four conversions.
     pub const SENSOR: Self = Self {
         min_us: 2_900,
         max_us: 3_370,
@@ -37,8 +37,8 @@ impl RateLimits {
     };
 }
 
-/// Watches how often something happens. The average is a first-order one over 16 periods, so a single
-/// late edge is not a slow rate.
+/// Watches how often something happens. The average is a first-order one over 16 periods, so a
+/// single late edge is not a slow rate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rate {
     last: Option<Micros>,
@@ -72,7 +72,8 @@ impl Rate {
         self.last = Some(at);
     }
 
-    /// Checks the rate at `now`. `Ok` for a source without any event yet: its bring-up reports that.
+    /// Checks the rate at `now`. `Ok` for a source without any event yet: its bring-up reports
+    /// that.
     #[must_use]
     pub fn check(&self, now: Micros, limits: &RateLimits) -> Verdict {
         let Some(last) = self.last else {
@@ -123,8 +124,9 @@ impl Expiry {
         self.renewed = None;
     }
 
-    /// Whether setpoints are in force at all and have run out. Call it at least every half hour, or the
-    /// wrap of the clock makes expired setpoints valid again; the supervisor calls it every millisecond.
+    /// Whether setpoints are in force at all and have run out. Call it at least every half hour, or
+    /// the wrap of the clock makes expired setpoints valid again; the supervisor calls it every
+    /// millisecond.
     #[must_use]
     pub fn is_expired(&self, now: Micros) -> bool {
         self.renewed
@@ -186,17 +188,19 @@ impl CheckIn {
 /// Counts within which an encoder counts as standing still: its jitter and half a count of play.
 const STILL_COUNTS: u64 = 2;
 
-/// Swing of the tension that no resting reel allows. A reel that stands holds what friction lets it: from
-/// the command less friction to the command plus friction, which is 2 (0.91 + 0.154 T) = 5.5 N at 12 N. More than that
-/// moves the reel, by 1 mm in 24 N of an elastic cable and so by dozens of counts.
+/// Swing of the tension that no resting reel allows. A reel that stands holds what friction lets
+/// it: from the command less friction to the command plus friction, which is 2 (0.91 + 0.154 T) =
+/// 5.5 N at 12 N. More than that moves the reel, by 1 mm in 24 N of an elastic cable and so by
+/// dozens of counts.
 pub const STILL_SWING: Newton = Newton::from_un(6_000_000);
 
-/// Samples for which the swing has to stand, 25 ms: a cable that something pulls is over-tension before that.
+/// Samples for which the swing has to stand, 25 ms: a cable that something pulls is over-tension
+/// before that.
 const STILL_SAMPLES: u8 = 8;
 
-/// Watches an encoder by what the tension does: one that stands still while the tension swings further than a
-/// resting reel allows is unplugged or broken. Without it the loop has neither damping nor direction estimate and
-/// oscillates between slack and limit.
+/// Watches an encoder by what the tension does: one that stands still while the tension swings
+/// further than a resting reel allows is unplugged or broken. Without it the loop has neither
+/// damping nor direction estimate and oscillates between slack and limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct EncoderWatch {
     still: Option<Still>,
@@ -212,8 +216,8 @@ struct Still {
 }
 
 impl EncoderWatch {
-    /// One sample of a unit whose motor acts (`drives`) or not. The swing, when it is more than the reel
-    /// could have held.
+    /// One sample of a unit whose motor acts (`drives`) or not. The swing, when it is more than the
+    /// reel could have held.
     pub fn observe(
         &mut self,
         drives: bool,

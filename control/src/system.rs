@@ -1,9 +1,9 @@
 //! The state machine of the board as a pure function: state and conditions in, state and denial out
 //! (thesis 3.6.2, SystemStateMachine).
 //!
-//! Policy (docs/architecture.md, "Faults: unit or board"): a fault of the board wins over everything and
-//! takes all outputs to 0 V; it is left only by an explicit clear, which does not arm. Arming needs every
-//! enabled unit ready. Disarming ramps down.
+//! Policy (docs/architecture.md, "Faults: unit or board"): a fault of the board wins over
+//! everything and takes all outputs to 0 V; it is left only by an explicit clear, which does not
+//! arm. Arming needs every enabled unit ready. Disarming ramps down.
 
 use crate::state::SystemState;
 
@@ -90,8 +90,8 @@ pub fn next(state: SystemState, on: Conditions) -> Transition {
     }
     let idle = if on.any_bringing_up { BringUp } else { Ready };
     match state {
-        // Out of Fault only because the latch was cleared; a request in the same cycle is refused, so
-        // that clearing never arms.
+        // Out of Fault only because the latch was cleared; a request in the same cycle is refused,
+        // so that clearing never arms.
         Boot | Fault | BringUp => stay(idle),
         Ready if on.any_bringing_up => stay(BringUp),
         Ready => match on.request {
@@ -113,8 +113,8 @@ pub fn next(state: SystemState, on: Conditions) -> Transition {
             },
         },
         Zeroing if on.zero_done => stay(idle),
-        // A zeroing ends by itself, within a second and with every motor at 0 V. One that somebody else ends would leave the old
-        // zero to the program that asked for a new one.
+        // A zeroing ends by itself, within a second and with every motor at 0 V. One that somebody
+        // else ends would leave the old zero to the program that asked for a new one.
         Zeroing => stay(Zeroing),
         Running => match on.request {
             Request::Disarm => go(Stopping),

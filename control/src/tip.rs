@@ -1,5 +1,6 @@
-//! The force at the tip as the board knows it: its own six tensions times the cable directions that came with the
-//! setpoints. The board compares it with a limit of its own, whatever the host believes.
+//! The force at the tip as the board knows it: its own six tensions times the cable directions that
+//! came with the setpoints. The board compares it with a limit of its own, whatever the host
+//! believes.
 //!
 //! In `f32`, which the core computes in hardware: directions are exact to 6e-5, tensions to 1e-6 N.
 
@@ -8,7 +9,8 @@ use nalgebra::{Matrix3x6, Vector3, Vector6};
 use wire::message::DIRECTION_ONE;
 use wire::{UnitIndex, UNITS};
 
-/// Samples in a row above the limit that make a fault: 10 ms at six units, longer than the spike gate holds.
+/// Samples in a row above the limit that make a fault: 10 ms at six units, longer than the spike
+/// gate holds.
 pub const TRIP_SAMPLES: u8 = 20;
 
 /// Largest difference between the square of a direction's length and 1, in 1/64: 1.6 %.
@@ -68,7 +70,8 @@ impl TipGuard {
         self.unknown_n = self.unknown.dot(&self.tensions);
     }
 
-    /// One sample: this unit's cable has this tension now. Returns the force in millinewton, at most 65,535.
+    /// One sample: this unit's cable has this tension now. Returns the force in millinewton, at
+    /// most 65,535.
     pub fn sample(&mut self, unit: UnitIndex, tension: Newton) -> u16 {
         const PER_BIT: f32 = 1.0 / (1u32 << Newton::FRAC_BITS) as f32;
         self.set(unit, tension.to_bits() as f32 * PER_BIT);
@@ -87,12 +90,14 @@ impl TipGuard {
         self.set(unit, 0.0);
     }
 
-    /// A cable's tension changes: the sums change by its part. Rounding errors end with the next directions.
+    /// A cable's tension changes: the sums change by its part. Rounding errors end with the next
+    /// directions.
     fn set(&mut self, unit: UnitIndex, tension_n: f32) {
         let unit = unit as usize;
         if let Some(slot) = self.tensions.get_mut(unit) {
             let change = tension_n - core::mem::replace(slot, tension_n);
-            // By element: a column as a matrix of its own is a copy whose size nalgebra checks with a panic.
+            // By element: a column as a matrix of its own is a copy whose size nalgebra checks with
+            // a panic.
             for (sum, direction) in (self.force.iter_mut()).zip(&self.directions.column(unit)) {
                 *sum += direction * change;
             }

@@ -27,40 +27,44 @@ use wire::message::{flags, Sample, UnitSetpoint};
 /// microseconds. Anything outside is a restart or an error, not a time to integrate over.
 pub const DT_RANGE_US: (u32, u32) = (1_000, 12_500);
 
-/// Samples in a row past the over-tension limit, or at the converter's end, that make a fault. One alone may
-/// be a read error.
+/// Samples in a row past the over-tension limit, or at the converter's end, that make a fault. One
+/// alone may be a read error.
 pub const TRIP_SAMPLES: u8 = 2;
 
-/// Below this tension, or half the setpoint where that is less, a cable counts as slack: half of the
-/// allocation's smallest tension.
+/// Below this tension, or half the setpoint where that is less, a cable counts as slack: half of
+/// the allocation's smallest tension.
 pub const SLACK_TENSION: Newton = Newton::from_un(1_000_000);
 
-/// Largest setpoint while a slack cable is wound in: the allocation's smallest tension. The ramp goes on from here once the cable
-/// is tight. A loop that works towards 12 N when a slack cable closes passes 13 N.
+/// Largest setpoint while a slack cable is wound in: the allocation's smallest tension. The ramp
+/// goes on from here once the cable is tight. A loop that works towards 12 N when a slack cable
+/// closes passes 13 N.
 pub const TAKE_UP_TENSION: Newton = Newton::from_un(2_000_000);
 
-/// Reel speed from which a cable without tension counts as being closed, in nanometres a nominal sample: 20 mm/s, below the speed
-/// that the brake holds. Slower, the cable closes with less than 1 N more (below). A reel that friction holds must get the whole
-/// setpoint: an open loop has nothing else that frees it.
+/// Reel speed from which a cable without tension counts as being closed, in nanometres a nominal
+/// sample: 20 mm/s, below the speed that the brake holds. Slower, the cable closes with less than 1
+/// N more (below). A reel that friction holds must get the whole setpoint: an open loop has nothing
+/// else that frees it.
 const CLOSING_NM: i32 = 62_500;
 
-/// Reel speed at which the brake on taking up slack begins, in nanometres a nominal sample: 30 mm/s. A cable
-/// that closes at that speed rises by v sqrt(k m) = 0.03 m/s * sqrt(5,000 N/m * 0.46 kg) = 1.4 N; a stiff one of
-/// 20 N/mm by 2.9 N.
+/// Reel speed at which the brake on taking up slack begins, in nanometres a nominal sample: 30
+/// mm/s. A cable that closes at that speed rises by v sqrt(k m) = 0.03 m/s * sqrt(5,000 N/m * 0.46
+/// kg) = 1.4 N; a stiff one of 20 N/mm by 2.9 N.
 pub const TAKE_UP_NM: i32 = 93_750;
 
-/// Brake on the speed above that, in force steps per nanometre a sample and newton of missing tension: 268
-/// are 200 N s/m for a cable without tension.
+/// Brake on the speed above that, in force steps per nanometre a sample and newton of missing
+/// tension: 268 are 200 N s/m for a cable without tension.
 const BRAKE_STEPS_PER_NM: i64 = 268;
 
 /// Travel wound in without tension after which the cable counts as lost, in nanometres: 150 mm.
 pub const LOST_TRAVEL_NM: i32 = 150_000_000;
 
-/// Change of travel from one sample to the next that no reel makes, in nanometres: 1 mm are 100 m/s^2, or 51 N on the 0.51 kg of
-/// reel and motor. The encoder's position has jumped. Damping and friction's direction would answer it with force.
+/// Change of travel from one sample to the next that no reel makes, in nanometres: 1 mm are 100
+/// m/s^2, or 51 N on the 0.51 kg of reel and motor. The encoder's position has jumped. Damping and
+/// friction's direction would answer it with force.
 pub const JUMP_NM: i32 = 1_000_000;
 
-/// Bit of the detail of [`Fault::EncoderError`] for a position that jumped; the others are micrometres.
+/// Bit of the detail of [`Fault::EncoderError`] for a position that jumped; the others are
+/// micrometres.
 pub const JUMPED: u32 = 1 << 31;
 
 /// What the motor is allowed to do.
@@ -91,9 +95,10 @@ pub struct Setpoint {
 pub const REEL_SPEED_MAX_UM_PER_S: i32 = 1_000_000;
 
 impl Setpoint {
-    /// From the wire; the number of the first field that is out of its range: 0 `tension_un` (0 to the
-    /// largest tension, and to the force limit), 1 `inv_cos_q16` (65,536 to 262,144), 2 `direction_q14` (a unit vector, or zero), 3
-    /// `reel_um_per_s` (within [`REEL_SPEED_MAX_UM_PER_S`]).
+    /// From the wire; the number of the first field that is out of its range: 0 `tension_un` (0 to
+    /// the largest tension, and to the force limit), 1 `inv_cos_q16` (65,536 to 262,144), 2
+    /// `direction_q14` (a unit vector, or zero), 3 `reel_um_per_s` (within
+    /// [`REEL_SPEED_MAX_UM_PER_S`]).
     ///
     /// # Errors
     ///
@@ -174,7 +179,8 @@ pub struct Output {
 }
 
 impl Output {
-    /// Writes the controller's part of a telemetry sample: tension, setpoint, terms, DAC code, flags.
+    /// Writes the controller's part of a telemetry sample: tension, setpoint, terms, DAC code,
+    /// flags.
     pub fn describe(&self, sample: &mut Sample) {
         sample.dac_code = self.dac.0;
         sample.tension = self.tension.to_tenth_mn();
@@ -216,7 +222,8 @@ pub struct State {
 }
 
 impl State {
-    /// Forgets everything but what the load cell has crept, which goes on whatever the controller does.
+    /// Forgets everything but what the load cell has crept, which goes on whatever the controller
+    /// does.
     pub fn reset(&mut self) {
         *self = Self {
             creep: self.creep,
@@ -224,14 +231,15 @@ impl State {
         };
     }
 
-    /// The zero of this unit for a mean code under no load: less what the cell has crept, which goes away.
+    /// The zero of this unit for a mean code under no load: less what the cell has crept, which
+    /// goes away.
     #[must_use]
     pub fn relaxed_zero(&self, config: &Config, mean: AdcCode) -> AdcCode {
         self.creep.relaxed(&config.cell, mean)
     }
 
-    /// A new configuration is in force: the next sample sets the integral so that the command goes on
-    /// without a jump.
+    /// A new configuration is in force: the next sample sets the integral so that the command goes
+    /// on without a jump.
     pub fn config_changed(&mut self) {
         self.rebase = true;
         self.level = Level::default();
@@ -505,16 +513,17 @@ fn times_inv_cos(force: Newton, inv_cos: InvCos) -> Newton {
     Newton::from_wide_shifted(i64::from(force.to_bits()) * i64::from(inv_cos.q16()), 16)
 }
 
-/// Largest command for a setpoint: what the friction model needs to wind the cable in at that tension and the unit's
-/// authority over it, at most the force limit. A load cell that reads too little makes the loop pull up to here.
+/// Largest command for a setpoint: what the friction model needs to wind the cable in at that
+/// tension and the unit's authority over it, at most the force limit. A load cell that reads too
+/// little makes the loop pull up to here.
 fn command_limit(config: &Config, setpoint: Newton) -> Newton {
     let most = config.friction.winding_in(setpoint);
     most.saturating_add(config.authority)
         .clamp_to(Newton::ZERO, config.force_limit)
 }
 
-/// Brake force on the reel while it takes up slack faster than [`TAKE_UP_NM`], so that the cable does not tighten
-/// with a shock. Largest without tension, zero from [`SLACK_TENSION`] on.
+/// Brake force on the reel while it takes up slack faster than [`TAKE_UP_NM`], so that the cable
+/// does not tighten with a shock. Largest without tension, zero from [`SLACK_TENSION`] on.
 fn brake(tension: Newton, setpoint: Newton, travel_nm: i32) -> Newton {
     let slack = SLACK_TENSION.min(Newton::from_bits(setpoint.to_bits() >> 1));
     let missing = slack.saturating_sub(tension.clamp_to(Newton::ZERO, slack));

@@ -8,9 +8,9 @@
 //! | sums and integrators | i64 with 32 fraction bits | +-2.1e9 N | 0.23 nN |
 //! | gains | Q16 as on the wire, Q30 inside filters | | 1.5e-5, 9.3e-10 |
 //!
-//! A load cell at full scale and gain 128 reads 57.5 N; times the largest 1/cos of 4 that is 230 N, which
-//! I10F22 holds with room for an overshoot. One ADC count is 6.85 uN, 29 steps of it. Products of two
-//! 32-bit numbers go through i64 (one `smull` on the Cortex-M7).
+//! A load cell at full scale and gain 128 reads 57.5 N; times the largest 1/cos of 4 that is 230 N,
+//! which I10F22 holds with room for an overshoot. One ADC count is 6.85 uN, 29 steps of it.
+//! Products of two 32-bit numbers go through i64 (one `smull` on the Cortex-M7).
 
 use fixed::types::I10F22;
 
@@ -85,7 +85,8 @@ impl Micros {
         self.0.wrapping_sub(earlier.0)
     }
 
-    /// Microseconds from this time to `other`, negative where `other` is earlier; right for times within 35 minutes.
+    /// Microseconds from this time to `other`, negative where `other` is earlier; right for times
+    /// within 35 minutes.
     #[must_use]
     pub const fn until(self, other: Self) -> i32 {
         other.since(self).cast_signed()
@@ -174,8 +175,8 @@ impl Newton {
         }
     }
 
-    /// From wide bits with `shift` more fraction bits (1 to 62), rounded to the nearest step. Rounded, not cut: what
-    /// is cut is a bias, and the integral would add it up.
+    /// From wide bits with `shift` more fraction bits (1 to 62), rounded to the nearest step.
+    /// Rounded, not cut: what is cut is a bias, and the integral would add it up.
     #[must_use]
     pub const fn from_wide_shifted(bits: i64, shift: u32) -> Self {
         Self::from_wide((bits >> shift) + ((bits >> (shift - 1)) & 1))

@@ -1,24 +1,25 @@
 //! Averaging the zero of a load cell, with a check that the cable is slack and at rest.
 //!
 //! Zero moves with the unit's weight and mounting angle and a little with each calibration of the
-//! converter (thesis 3.5.1; device-facts: 0.5 to 1 % steps), so it is taken anew at each start, cables
-//! slack. A zero far from the one that was stored with the calibration is no zero: a cable under load would read too
-//! little from then on, and its motor pull too much.
+//! converter (thesis 3.5.1; device-facts: 0.5 to 1 % steps), so it is taken anew at each start,
+//! cables slack. A zero far from the one that was stored with the calibration is no zero: a cable
+//! under load would read too little from then on, and its motor pull too much.
 
 use crate::friction::travel;
 use crate::units::{AdcCode, EncoderCounts};
 
-/// Samples of an average: 0.8 s at 320 SPS, which takes the standard error of 5 mN noise to 0.3 mN and is
-/// 40 periods of 50 Hz mains.
+/// Samples of an average: 0.8 s at 320 SPS, which takes the standard error of 5 mN noise to 0.3 mN
+/// and is 40 periods of 50 Hz mains.
 pub const SAMPLES: u16 = 256;
 
-/// Largest difference between two samples of a steady cell, in counts: 35,000 are 0.24 N. Measured idle
-/// noise is 1.7 to 5 mN SD, so 256 samples spread over less than 0.04 N; a cable that is touched or a unit
-/// that swings spreads over more than 0.3 N.
+/// Largest difference between two samples of a steady cell, in counts: 35,000 are 0.24 N. Measured
+/// idle noise is 1.7 to 5 mN SD, so 256 samples spread over less than 0.04 N; a cable that is
+/// touched or a unit that swings spreads over more than 0.3 N.
 pub const MAX_SPREAD: u32 = 35_000;
 
-/// Travel of the reel meanwhile that makes a zero none, in nanometres: twice what a presliding contact springs back (50 um). A slack
-/// cable turns no reel: a robot that moves does, by a cable that friction of the reel holds tight.
+/// Travel of the reel meanwhile that makes a zero none, in nanometres: twice what a presliding
+/// contact springs back (50 um). A slack cable turns no reel: a robot that moves does, by a cable
+/// that friction of the reel holds tight.
 pub const MAX_TRAVEL_NM: i32 = 100_000;
 
 /// Why there is no zero. [`Refused::detail`] is the number that fault pages and telemetry show.
@@ -26,7 +27,8 @@ pub const MAX_TRAVEL_NM: i32 = 100_000;
 pub enum Refused {
     /// The samples lie this many counts apart: the cable moves.
     Unsteady(u32),
-    /// The mean is this many counts from the stored zero: the cable is under load, or the cell is another one.
+    /// The mean is this many counts from the stored zero: the cable is under load, or the cell is
+    /// another one.
     FarOff(i32),
     /// The converter stands at the end of its range.
     Saturated,
@@ -52,7 +54,8 @@ pub struct Averager {
     seen: u16,
     low: i32,
     high: i32,
-    /// The zero found when the unit was calibrated, and how far a new one may be from it, in counts.
+    /// The zero found when the unit was calibrated, and how far a new one may be from it, in
+    /// counts.
     stored: i32,
     deviation: u32,
     /// The encoder at the first sample.
@@ -74,7 +77,8 @@ impl Averager {
         }
     }
 
-    /// The encoder at a sample; call it before [`Self::push`]. Why there is no zero, where the reel has turned.
+    /// The encoder at a sample; call it before [`Self::push`]. Why there is no zero, where the reel
+    /// has turned.
     pub fn turned(&mut self, counts: EncoderCounts, nm_per_count: i32) -> Option<Refused> {
         let began = *self.began.get_or_insert(counts);
         let travel_nm = travel(began, counts, nm_per_count);
@@ -111,8 +115,9 @@ impl Averager {
 }
 
 impl Refused {
-    /// Detail of [`crate::Fault::ZeroRefused`]: 0 saturated; otherwise the spread or the code's magnitude
-    /// in counts, with bit 31 set where it is a code; with bit 30 set the travel's size in micrometres.
+    /// Detail of [`crate::Fault::ZeroRefused`]: 0 saturated; otherwise the spread or the code's
+    /// magnitude in counts, with bit 31 set where it is a code; with bit 30 set the travel's size
+    /// in micrometres.
     #[must_use]
     pub const fn detail(self) -> u32 {
         match self {

@@ -1,5 +1,5 @@
-//! A reel that winds in without tension: what its setpoint is, and "cable lost" where it goes on. In the rig the watches on the
-//! tension come first, so both are tested on the control core alone.
+//! A reel that winds in without tension: what its setpoint is, and "cable lost" where it goes on.
+//! In the rig the watches on the tension come first, so both are tested on the control core alone.
 
 use control::unit::{Drive, Setpoint, LOST_TRAVEL_NM};
 use control::{
@@ -51,8 +51,9 @@ impl Unit {
         Controller::step(&self.config, &mut self.state, input)
     }
 
-    /// Winds in about so many millimetres (pays out where negative), half a millimetre in each sample, at a tension. Returns the
-    /// first output with a fault, and what was wound in until then in nanometres.
+    /// Winds in about so many millimetres (pays out where negative), half a millimetre in each
+    /// sample, at a tension. Returns the first output with a fault, and what was wound in until
+    /// then in nanometres.
     fn wind(&mut self, mm: i64, tension_un: i64, drive: Drive) -> Option<(Output, i64)> {
         let per_count = i64::from(self.config.wire().travel_nm_per_count);
         let begin = self.counts;
@@ -66,7 +67,8 @@ impl Unit {
     }
 }
 
-/// The setpoint of 8 N is in force only when a slack cable has closed; a cable that friction holds below 1 N gets it all.
+/// The setpoint of 8 N is in force only when a slack cable has closed; a cable that friction holds
+/// below 1 N gets it all.
 #[test]
 fn the_setpoint_waits_while_a_slack_cable_is_wound_in_and_only_then() {
     let after_a_second = |speed_mm_s: i64, tension_un: i64| {
@@ -88,7 +90,8 @@ fn the_setpoint_waits_while_a_slack_cable_is_wound_in_and_only_then() {
     }
 }
 
-/// From 30 mm/s on a cable without tension is braked by 200 N s/m of what is faster, and none that is tight.
+/// From 30 mm/s on a cable without tension is braked by 200 N s/m of what is faster, and none that
+/// is tight.
 #[test]
 fn a_reel_that_takes_up_slack_fast_is_braked() {
     let after_a_second = |speed_mm_s: i64, tension_un: i64| {

@@ -59,7 +59,8 @@ fn motor_follows_the_policy_everywhere() {
             if to.state == state {
                 assert_eq!(to.action, Action::None, "{context}");
             }
-            // A unit with a fault gone or newly enabled is brought up, but not in the middle of a run.
+            // A unit with a fault gone or newly enabled is brought up, but not in the middle of a
+            // run.
             let out = matches!(state, MotorState::Offline | MotorState::Faulted);
             if on.enabled && !on.faulted && out {
                 let expected = if on.system.drives() {

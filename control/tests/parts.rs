@@ -299,8 +299,8 @@ proptest! {
         prop_assert!((command - (middle + share * direction * half)).abs() < 1e-5, "{command}");
     }
 
-    /// What the feedforward takes over is what the integral gives up, whatever it holds. The tests of the loop show that
-    /// something is taken over.
+    /// What the feedforward takes over is what the integral gives up, whatever it holds. The tests
+    /// of the loop show that something is taken over.
     #[test]
     fn friction_that_is_learned_moves_from_the_integral_to_the_feedforward(
         slides in prop::collection::vec((1usize..200, any::<bool>(), -3.0f64..3.0, 0usize..300), 1..30),
@@ -458,7 +458,8 @@ fn direction_follows_travel_and_survives_jitter() {
         );
     }
     assert_eq!(estimator.direction().q30(), Direction::ONE);
-    // Reversing takes the reversal travel and one or two counts of play, and passes through the middle.
+    // Reversing takes the reversal travel and one or two counts of play, and passes through the
+    // middle.
     let mut travelled = 0;
     let mut middle = false;
     while estimator.direction().q30() > -Direction::ONE {
@@ -714,7 +715,8 @@ fn an_encoder_that_stands_while_the_tension_swings_is_found() {
     assert_eq!(watch.observe(true, counts(0), newton(20.0)), None);
 }
 
-/// A bit of the memory may make any number of a unit's travel before the check of the configuration sees it.
+/// A bit of the memory may make any number of a unit's travel before the check of the configuration
+/// sees it.
 #[test]
 fn any_travel_of_a_count_is_taken_while_a_cable_is_to_let_go() {
     for nm_per_count in [i32::MIN, i32::MAX, 0, -1] {

@@ -1,5 +1,5 @@
-//! The watch over load cell and motor beside one reel in f64: what a robot does to a reel is no fault, what an amplifier
-//! does is one.
+//! The watch over load cell and motor beside one reel in f64: what a robot does to a reel is no
+//! fault, what an amplifier does is one.
 
 use control::friction::travel;
 use control::plausible::Watch;
@@ -17,7 +17,8 @@ const STEPS: u32 = 125;
 /// What happens to the reel.
 #[derive(Debug, Clone, Copy)]
 struct Course {
-    /// Speed at which the robot takes the cable away, m/s (negative: comes nearer), and for how long, s.
+    /// Speed at which the robot takes the cable away, m/s (negative: comes nearer), and for how
+    /// long, s.
     away_m_per_s: f64,
     away_s: f64,
     /// Size of the robot's acceleration, m/s^2; infinity is a step of its speed.
@@ -124,7 +125,8 @@ fn a_reel_that_comes_to_rest_slides_no_longer() {
 }
 
 proptest! {
-    /// The reel pays out, the tension is above the setpoint, and friction stops the reel within milliseconds.
+    /// The reel pays out, the tension is above the setpoint, and friction stops the reel within
+    /// milliseconds.
     #[test]
     fn a_robot_that_takes_the_cable_away_and_stops_is_no_fault(
         away_m_per_s in 0.002..0.06,
@@ -136,7 +138,8 @@ proptest! {
         prop_assert_eq!(fault(course), None);
     }
 
-    /// At any tension, in both directions, with the acceleration of a robot that moves by hand (3 m/s^2).
+    /// At any tension, in both directions, with the acceleration of a robot that moves by hand (3
+    /// m/s^2).
     #[test]
     fn a_robot_that_moves_and_stops_is_no_fault(
         away_m_per_s in -0.06..0.06,
@@ -175,8 +178,8 @@ fn an_amplifier_that_jumps_is_found_within_20_ms() {
     }
 }
 
-/// A slack cable that is taken up, or with an infinite rise one that breaks under a command: its reel is free, and takes up what
-/// friction leaves of the command. The fault within 0.1 s.
+/// A slack cable that is taken up, or with an infinite rise one that breaks under a command: its
+/// reel is free, and takes up what friction leaves of the command. The fault within 0.1 s.
 fn free_reel(command_n: f64, n_per_s: f64, friction: f64, mass_kg: f64) -> Option<(Fault, f64)> {
     let config = Config::nominal();
     let wire = Config::from_wire(&config).unwrap();
@@ -191,7 +194,8 @@ fn free_reel(command_n: f64, n_per_s: f64, friction: f64, mass_kg: f64) -> Optio
         } else {
             command_n
         };
-        // Before, the reel rests with the tension that the command makes. The converter's filter takes four samples.
+        // Before, the reel rests with the tension that the command makes. The converter's filter
+        // takes four samples.
         past.rotate_left(1);
         past[3] = if sample < 0 { command } else { 0.0 };
         let tension = newton(past.iter().sum::<f64>() / 4.0);
@@ -234,7 +238,8 @@ proptest! {
     }
 }
 
-/// A cable that breaks, or a robot that comes nearer fast: the reel moves before the load cell shows that nothing holds it.
+/// A cable that breaks, or a robot that comes nearer fast: the reel moves before the load cell
+/// shows that nothing holds it.
 #[test]
 fn a_cable_that_breaks_is_no_reel_that_is_held() {
     for command_n in [2.0, 4.0, 8.0, 11.0] {
@@ -258,7 +263,8 @@ fn a_reel_that_rests_on_a_slack_cable_is_found_within_50_ms_of_what_would_move_i
     }
 }
 
-/// A cable that was tight and lets go while the encoder stands still is for the encoder's watch: this one waits for it.
+/// A cable that was tight and lets go while the encoder stands still is for the encoder's watch:
+/// this one waits for it.
 #[test]
 fn a_cable_that_was_tight_is_not_being_taken_up() {
     for command_n in [2.0, 4.0, 8.0] {

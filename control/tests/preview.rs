@@ -34,7 +34,8 @@ fn it_helps_on_every_plant() {
         for poses in [Poses::RAVEN, Poses::dvrk(2e-6), Poses::dvrk(5e-6)] {
             let with = rms(&errors(&plant, 5, Some(poses)));
             println!("{name}, {poses:?}: {with:.4} N with, {without:.4} N without");
-            // Poses with 5 um are not good enough for a robot as fast, or one that turns back at once.
+            // Poses with 5 um are not good enough for a robot as fast, or one that turns back at
+            // once.
             let most = if name.contains("robot") { 1.01 } else { 1.0 };
             assert!(
                 with < most * without,
@@ -53,8 +54,8 @@ fn with_poses_that_are_too_noisy_all_is_as_without() {
     );
 }
 
-/// Largest tension error after a second, N, with a host that tells these speeds; the command stays within what the friction
-/// model permits, and nothing trips.
+/// Largest tension error after a second, N, with a host that tells these speeds; the command stays
+/// within what the friction model permits, and nothing trips.
 fn largest_error(moving: bool, mut told: impl FnMut(f64, usize) -> Option<i32>) -> [f64; 6] {
     let wire = Config::nominal();
     let mut rig = rig::Rig::new(PlantConfig::default(), 5, &wire);

@@ -17,8 +17,8 @@ fn check(found: &compare::Found) {
     {
         assert!(worst <= BOUND_N, "{name}: {worst} N");
     }
-    // The comparison says something only if commands were neither zero nor at a limit all the time, and if
-    // few runs were given up.
+    // The comparison says something only if commands were neither zero nor at a limit all the time,
+    // and if few runs were given up.
     assert!(found.largest_command > 10.0, "{found:?}");
     assert!(found.free * 10 > found.samples, "{found:?}");
     assert!(found.undecided < 20, "{found:?}");

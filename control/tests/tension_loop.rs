@@ -1,7 +1,7 @@
 //! The controller on a rig: tension error while the tip moves, steps, slack cables, spikes, ramps.
 //!
-//! Two rigs: the project's plant, and a model of its own in `common/simple.rs` with as little in common
-//! with it as possible, so that the defaults are not tuned to one model's ways.
+//! Two rigs: the project's plant, and a model of its own in `common/simple.rs` with as little in
+//! common with it as possible, so that the defaults are not tuned to one model's ways.
 
 #[path = "common/plants.rs"]
 mod plants;
@@ -45,8 +45,9 @@ fn holds_the_tension_while_the_tip_moves() {
     assert!(with < without, "{with} N with, {without} N without");
 }
 
-/// Over all cables. One alone may still be held worse in its first reversals, before the level is learned: with a fifth less
-/// friction the fifth cable of this rig has 0.044 N with, 0.041 N without in the first 12 s.
+/// Over all cables. One alone may still be held worse in its first reversals, before the level is
+/// learned: with a fifth less friction the fifth cable of this rig has 0.044 N with, 0.041 N
+/// without in the first 12 s.
 #[test]
 fn the_feedforward_helps_where_the_level_of_friction_is_another() {
     let rms = |plant: &PlantConfig, wire: &UnitConfig| {
@@ -68,7 +69,8 @@ fn the_feedforward_helps_where_the_level_of_friction_is_another() {
     }
 }
 
-/// The integral shows it at reversals. Units differ from the declared friction by some 6 % by themselves.
+/// The integral shows it at reversals. Units differ from the declared friction by some 6 % by
+/// themselves.
 #[test]
 fn the_level_of_friction_is_learned_and_given_up_with_the_configuration() {
     for factor in [0.8, 1.0, 1.2] {

@@ -5,9 +5,10 @@
 //! The board's sample path is driven by interrupts and may never block, while tests and bring-up
 //! tools are simplest as blocking code. So each device comes in two layers:
 //!
-//! 1. a **sans-IO protocol layer**: constants, `const fn`s and state machines that say which bytes go
-//!    out, how many come back and what they mean. It owns no bus and never waits.
-//! 2. a **blocking driver** on embedded-hal 1.0 traits that only executes the operations of layer 1.
+//! 1. a **sans-IO protocol layer**: constants, `const fn`s and state machines that say which bytes
+//!    go out, how many come back and what they mean. It owns no bus and never waits.
+//! 2. a **blocking driver** on embedded-hal 1.0 traits that only executes the operations of the
+//!    first layer.
 //!
 //! | device | protocol layer | blocking driver |
 //! |---|---|---|
@@ -17,12 +18,13 @@
 //! | [`ls7266r1`] | [`ls7266r1::proto`], [`ls7266r1::PositionTracker`] | [`ls7266r1::Ls7266r1`] |
 //!
 //! # Codes own their scale
-//! [`nau7802::AdcCode`], [`dac7731::DacCode`] and [`ls7266r1::CounterValue`] are newtypes that cannot
-//! hold a value the part cannot produce; conversion to volts is theirs. No bare integer leaves here.
+//! [`nau7802::AdcCode`], [`dac7731::DacCode`] and [`ls7266r1::CounterValue`] are newtypes that
+//! cannot hold a value the part cannot produce; conversion to volts is theirs. No bare integer
+//! leaves here.
 //!
 //! # Errors
-//! Each error names the register or line and the operation, and has a numeric `detail()` that firmware
-//! can put into a fault record as it is.
+//! Each error names the register or line and the operation, and has a numeric `detail()` that
+//! firmware can put into a fault record as it is.
 //!
 //! # Features
 //! `defmt`: derives `defmt::Format` on error and state types.

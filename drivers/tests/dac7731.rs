@@ -1,4 +1,5 @@
-//! The DAC7731 driver against expected transactions and a shift-register model; its codes against oracles.
+//! The DAC7731 driver against expected transactions and a shift-register model; its codes against
+//! oracles.
 
 use drivers::dac7731::{
     Dac7731, DacCode, Error, NoLine, Operation, Range, LDAC_PULSE_NS, RESET_PULSE_NS, SPI_MODE,
@@ -143,8 +144,8 @@ fn failing_lines_are_named() {
     rst.done();
 }
 
-/// The part's input side as the datasheet describes it: bits shift in on rising edges of SCLK while CS is
-/// low, and a rising CS with SCLK low is one more of them.
+/// The part's input side as the datasheet describes it: bits shift in on rising edges of SCLK while
+/// CS is low, and a rising CS with SCLK low is one more of them.
 struct Part {
     idle_high: bool,
     sclk: bool,

@@ -346,7 +346,8 @@ fn fast_read_is_33_clocks() {
     );
 }
 
-/// Expected transitions of SCL and SDA for a fast read that answers with `bits`, or with no acknowledge.
+/// Expected transitions of SCL and SDA for a fast read that answers with `bits`, or with no
+/// acknowledge.
 fn fast_read_pins(data: Option<u32>) -> (Vec<PinTransaction>, Vec<PinTransaction>) {
     let set = PinTransaction::set;
     let get = PinTransaction::get;

@@ -1,8 +1,9 @@
-//! The bring-up sequence against a fake register file in virtual time, with a failure at each stage.
+//! The bring-up sequence against a fake register file in virtual time, with a failure at each
+//! stage.
 //!
-//! The fake is written from the datasheet's description, not from the driver, and keeps what a caller
-//! can get wrong: RR is a level, PUR needs time, CALS ignores writes during a calibration, CAL_ERR is
-//! sticky, and 0x15 reads back only while 0x1B bit 7 is 0.
+//! The fake is written from the datasheet's description, not from the driver, and keeps what a
+//! caller can get wrong: RR is a level, PUR needs time, CALS ignores writes during a calibration,
+//! CAL_ERR is sticky, and 0x15 reads back only while 0x1B bit 7 is 0.
 
 use drivers::nau7802::bringup::limits;
 use drivers::nau7802::{
@@ -599,7 +600,8 @@ fn matching(action: Action, event: Event) -> Event {
 }
 
 proptest! {
-    /// Whatever a noisy bus answers, the sequence ends, and within the bounds that the limits imply.
+    /// Whatever a noisy bus answers, the sequence ends, and within the bounds that the limits
+    /// imply.
     #[test]
     fn ends_on_any_answers(answers in prop::collection::vec(any_event(), 1..200)) {
         let mut sequence = Bringup::new(Config::FORCE_UNIT);

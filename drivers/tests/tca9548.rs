@@ -1,4 +1,5 @@
-//! The TCA9548A driver against expected transactions, its bookkeeping, and the recovery of a held bus.
+//! The TCA9548A driver against expected transactions, its bookkeeping, and the recovery of a held
+//! bus.
 
 use drivers::tca9548::recovery::{clear_bus, BusClear, BusClearStep, Recovery, RecoveryStep};
 use drivers::tca9548::{
@@ -283,8 +284,8 @@ fn bus_clear_steps_are_bounded() {
     assert_eq!(machine.next(true), BusClearStep::Done { released: true });
 }
 
-/// Runs a recovery. `free`: level of SDA after this number of resets of the mux. Returns the steps; consecutive
-/// steps of the lines count as one.
+/// Runs a recovery. `free`: level of SDA after this number of resets of the mux. Returns the steps;
+/// consecutive steps of the lines count as one.
 fn recovery_steps(reset_mux: bool, free: impl Fn(u32) -> bool) -> Vec<RecoveryStep> {
     const CLOCKS: RecoveryStep = RecoveryStep::Lines {
         scl: false,
@@ -367,7 +368,8 @@ proptest! {
                     prop_assert_eq!(part, mask.bits());
                 }
                 Happening::SelectLost(mask, arrived) => {
-                    // The write fails on the bus, whether or not the byte got through; no report follows.
+                    // The write fails on the bus, whether or not the byte got through; no report
+                    // follows.
                     if let Some([byte]) = selector.request(ChannelMask::from_bits(mask)) {
                         part = if arrived { byte } else { part };
                     }

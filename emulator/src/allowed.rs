@@ -1,5 +1,5 @@
-//! The allow list: register accesses that the emulated part refuses or does not know and that are right all
-//! the same, each with its reason. Everything else fails a run.
+//! The allow list: register accesses that the emulated part refuses or does not know and that are
+//! right all the same, each with its reason. Everything else fails a run.
 
 use emulator_link::RegisterEvent;
 

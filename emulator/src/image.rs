@@ -64,12 +64,13 @@ pub struct Image {
     pub rtt: Option<u32>,
     /// Memory of the crash record, where the image has one.
     pub crash_record: Option<std::ops::Range<u32>>,
-    /// Memory of the stack, where the image names it (`_stack_end` to `_stack_start`, which it grows down from).
+    /// Memory of the stack, where the image names it (`_stack_end` to `_stack_start`, which it
+    /// grows down from).
     pub stack: Option<std::ops::Range<u32>>,
     /// Memory of the variables, where the image names it (`__sdata` to `__ebss`).
     pub variables: Option<std::ops::Range<u32>>,
-    /// Entry of `Board::samples`, which each pass of the superloop calls with interrupts enabled and which keeps its own symbol
-    /// (board/src/firmware.rs).
+    /// Entry of `Board::samples`, which each pass of the superloop calls with interrupts enabled
+    /// and which keeps its own symbol (board/src/firmware.rs).
     pub samples: Option<u32>,
 }
 

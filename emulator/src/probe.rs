@@ -1,8 +1,9 @@
-//! The latency probe: follows each sample from the DRDY edge to the motor, from outside the firmware.
+//! The latency probe: follows each sample from the DRDY edge to the motor, from outside the
+//! firmware.
 //!
-//! It sees what a logic analyser on the board would see (DRDY, the START conditions, the bytes, LDAC) and
-//! two things that only an emulator can: when a data word reaches the SPI's register, and how many
-//! instructions were retired meanwhile.
+//! It sees what a logic analyser on the board would see (DRDY, the START conditions, the bytes,
+//! LDAC) and two things that only an emulator can: when a data word reaches the SPI's register, and
+//! how many instructions were retired meanwhile.
 
 use crate::wiring::UNITS;
 use emulator_link::Latency;
@@ -82,8 +83,8 @@ impl Probe {
         }
     }
 
-    /// A data word is written to the SPI with `instructions` retired, while the chips of `selected` units
-    /// are selected.
+    /// A data word is written to the SPI with `instructions` retired, while the chips of `selected`
+    /// units are selected.
     pub fn spi_word(&mut self, t_ns: u64, instructions: u64, selected: [bool; UNITS]) {
         if selected == [false; UNITS] {
             self.unselected_word.get_or_insert((t_ns, instructions));

@@ -27,8 +27,8 @@ const PAINT: [u8; 4] = [0xA5; 4];
 pub struct Options {
     /// Seed of everything random.
     pub seed: u64,
-    /// Number of the run of this rig: noise, zeros, clocks and the prescribed path are drawn anew for each. Run 0 draws them from
-    /// `seed` alone.
+    /// Number of the run of this rig: noise, zeros, clocks and the prescribed path are drawn anew
+    /// for each. Run 0 draws them from `seed` alone.
     pub run: u64,
     /// The plant behind the board.
     pub plant: PlantConfig,
@@ -193,12 +193,14 @@ impl Rig {
         }
     }
 
-    /// The host at the board's USB socket and the core that it talks to. The host acts as virtual time passes.
+    /// The host at the board's USB socket and the core that it talks to. The host acts as virtual
+    /// time passes.
     pub fn usb<R>(&mut self, act: impl FnOnce(&mut Host, &mut Core) -> R) -> R {
         self.usb.with(act)
     }
 
-    /// What the firmware has put into RTT channel 0 since the last call (defmt's encoding is the firmware's).
+    /// What the firmware has put into RTT channel 0 since the last call (defmt's encoding is the
+    /// firmware's).
     pub fn take_rtt(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.rtt)
     }

@@ -1,7 +1,7 @@
 //! The rig's own random numbers: small, seeded, the same on every machine.
 //!
-//! Each device draws from a stream of its own (seed and a label), so that adding a device or drawing once
-//! more in one of them leaves every other device's numbers as they were.
+//! Each device draws from a stream of its own (seed and a label), so that adding a device or
+//! drawing once more in one of them leaves every other device's numbers as they were.
 
 use random::SplitMix64;
 

@@ -1,14 +1,16 @@
 //! Drains the firmware's RTT up-channel 0, as a debug probe would.
 //!
-//! Control block (SEGGER, "RTT protocol"): 16 bytes of name, number of up and down buffers, then per up-buffer
-//! name pointer, buffer pointer, size, write offset, read offset, flags. The probe writes only the read offset.
+//! Control block (SEGGER, "RTT protocol"): 16 bytes of name, number of up and down buffers, then
+//! per up-buffer name pointer, buffer pointer, size, write offset, read offset, flags. The probe
+//! writes only the read offset.
 
 use crate::engine::{EngineError, Memory};
 
 const NAME: &[u8] = b"SEGGER RTT";
 const UP_0: u32 = 24;
 
-/// Takes what channel 0 of the control block at `at` holds. Nothing while the firmware has not set it up.
+/// Takes what channel 0 of the control block at `at` holds. Nothing while the firmware has not set
+/// it up.
 ///
 /// # Errors
 /// The engine cannot go on.

@@ -1,5 +1,5 @@
-//! Which pin of the controller goes where: the rig's own copy of the pin table in `docs/wiring.md`, which a
-//! test compares with that file.
+//! Which pin of the controller goes where: the rig's own copy of the pin table in `docs/wiring.md`,
+//! which a test compares with that file.
 
 /// A pin: port (0 = A) and number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -102,9 +102,9 @@ pub const FUNCTIONS: [(Pin, u8, &str); 8] = [
     (USB_DP, 10, "OTG_HS D+"),
 ];
 
-/// Level of each line of a port that nothing drives, as the motor control board's resistors set it: the
-/// active-low controls and LDAC are pulled up, so an output keeps its value while the controller is in
-/// reset; the alive line is pulled down.
+/// Level of each line of a port that nothing drives, as the motor control board's resistors set it:
+/// the active-low controls and LDAC are pulled up, so an output keeps its value while the
+/// controller is in reset; the alive line is pulled down.
 pub const IDLE: [u16; PORTS] = {
     let mut idle = [0; PORTS];
     idle[I2C_SCL.port] = I2C_SCL.bit() | I2C_SDA.bit();

@@ -1,5 +1,6 @@
-//! The rig from power-on to the motor, without the firmware: a script interpreter of a few Thumb instructions
-//! stands in for an image, so that these tests need no ARM toolchain and know every register access they make.
+//! The rig from power-on to the motor, without the firmware: a script interpreter of a few Thumb
+//! instructions stands in for an image, so that these tests need no ARM toolchain and know every
+//! register access they make.
 
 use emulator::image::{Image, FLASH_BASE};
 use emulator::{allowed, Options, Rig};
@@ -153,8 +154,8 @@ fn set_up() -> Vec<Step> {
         put(USART3, 1 << 29 | 0xD),
         put(I2C1 + 0x10, 0x1030_1D2F),
         put(I2C1, 1),
-        // SPI1: 32 bits (a script stores words; the DAC keeps the last 16), mode 3, transmit only, pins
-        // kept.
+        // SPI1: 32 bits (a script stores words; the DAC keeps the last 16), mode 3, transmit only,
+        // pins kept.
         put(SPI1 + 0x08, 3 << 28 | 31),
         put(SPI1, 1 << 12),
         put(
@@ -362,7 +363,8 @@ fn a_hung_core_is_reset_by_the_watchdog_and_can_see_why() {
     let advanced = run(&mut rig, 25);
     // 81 counts of 4 / 32 kHz are 10.1 ms, behind 0.8 ms of set-up.
     assert_eq!(advanced.resets, 2);
-    // RSR bits 23 to 16 at boot: a power-on, then IWDG1RSTF (bit 26) beside it. The copy reads the upper half.
+    // RSR bits 23 to 16 at boot: a power-on, then IWDG1RSTF (bit 26) beside it. The copy reads the
+    // upper half.
     assert_eq!(advanced.from_board.len(), 3);
     assert_eq!(rig.last_reset(), Some("Model(\"IWDG\")"));
     let cause = rig.read_memory(RCC + 0xD0, 4);
@@ -419,7 +421,8 @@ fn a_held_sda_keeps_the_start_from_leaving_until_nine_clocks() {
     run(&mut rig, 1);
     rig.inject(Injection::StuckSda).expect("holds SDA");
     let advanced = run(&mut rig, 4);
-    // TXE alone in the low byte: no TXIS, no NACKF, no STOPF; then the transfer after the nine clocks.
+    // TXE alone in the low byte: no TXIS, no NACKF, no STOPF; then the transfer after the nine
+    // clocks.
     assert_eq!(advanced.from_board, [0x01, 0x5A]);
 }
 

@@ -1,9 +1,12 @@
-//! How estimates fare on a robot that has changed since the training, without and with a recalibration on a minute of free motion:
-//! `cargo run --release -p estimator --example changes -- MODEL SEED...` prints the table of docs/estimation.md.
+//! How estimates fare on a robot that has changed since the training, without and with a
+//! recalibration on a minute of free motion:
+//! `cargo run --release -p estimator --example changes -- MODEL SEED...` prints the table of
+//! docs/estimation.md.
 //!
-//! For each robot (seed) the model is trained on 30 minutes of the arm without changes. Each row is another change, in two trials of a
-//! minute of free motion and three minutes under load, begun at power-on. `frozen`: the model as it was trained. The label is the true
-//! force of the simulation, without the rig's cells. Rows are those that are valid.
+//! For each robot (seed) the model is trained on 30 minutes of the arm without changes. Each row is
+//! another change, in two trials of a minute of free motion and three minutes under load, begun at
+//! power-on. `frozen`: the model as it was trained. The label is the true force of the simulation,
+//! without the rig's cells. Rows are those that are valid.
 
 #[path = "../tests/common/rows.rs"]
 mod rows;
@@ -26,7 +29,8 @@ const TRIALS: usize = 2;
 /// Trials of the unchanged arm of each robot in which an alarm is counted.
 const UNCHANGED: u64 = 24;
 
-/// A trial: error over its valid rows, N, the share that the interval covers, and when the alarm came, s.
+/// A trial: error over its valid rows, N, the share that the interval covers, and when the alarm
+/// came, s.
 #[derive(Clone, Copy)]
 struct Score {
     mae_n: f64,
@@ -57,8 +61,9 @@ fn score(estimator: &Estimator, sequence: &Sequence) -> Score {
     }
 }
 
-/// Mean error that no estimator with the same balances falls below, N, where a torque of a tool's cable of this size is at the elbow, from
-/// the covariance of force and torque: if the noise of each balance is white beyond 2 s, and with the slow errors that balances have.
+/// Mean error that no estimator with the same balances falls below, N, where a torque of a tool's
+/// cable of this size is at the elbow, from the covariance of force and torque: if the noise of
+/// each balance is white beyond 2 s, and with the slow errors that balances have.
 fn least_n(model: &str, loaded: &Sequence, size: f64) -> [f64; 2] {
     let value: serde_json::Value = serde_json::from_str(model).expect("a model");
     let physics = value["model"]["physics"].clone();

@@ -1,4 +1,5 @@
-//! Baselines: a constant force, and a linear map of filtered inputs. What a model adds is what it adds to these.
+//! Baselines: a constant force, and a linear map of filtered inputs. What a model adds is what it
+//! adds to these.
 
 use crate::model::{by_steps, Model, ModelError, Stepper};
 use crate::motion::{LowPass, FILTER_S};

@@ -1,7 +1,8 @@
 //! Logs as sequences: columns by name, units, checks, splits by trial.
 //!
-//! What is refused, with file and column: a column that is missing, a value or a time that is not a number in a usable row, a trial
-//! that is not a whole number, another rate, fewer rows than a second.
+//! What is refused, with file and column: a column that is missing, a value or a time that is not a
+//! number in a usable row, a trial that is not a whole number, another rate, fewer rows than a
+//! second.
 
 use crate::geometry::Base;
 pub use crate::mapping::{Mapping, Source};
@@ -31,7 +32,8 @@ pub struct Part {
     pub rate_hz: f64,
     /// Rows that were left out because they are not usable.
     pub unusable: usize,
-    /// Inputs that the log lacks, by their place in [`crate::motion::INPUT_NAMES`]. They are 0 in every row.
+    /// Inputs that the log lacks, by their place in [`crate::motion::INPUT_NAMES`]. They are 0 in
+    /// every row.
     pub absent: Vec<usize>,
 }
 
@@ -329,7 +331,8 @@ fn step_s(file: &str, time: &Column<'_>) -> Result<f64, DataError> {
     Ok(median)
 }
 
-/// The robot's base from joints (rad, rad, m) and reported tips (m), or the CRTK frame where logs have no tips.
+/// The robot's base from joints (rad, rad, m) and reported tips (m), or the CRTK frame where logs
+/// have no tips.
 ///
 /// # Errors
 /// The tips do not fit the kinematics.
@@ -430,7 +433,8 @@ mod tests {
         for word in ["a.parquet", "`t_s`", "row 500"] {
             assert!(error.contains(word), "{error}");
         }
-        // A gap whose rows are marked and have no time: what follows is no neighbour of what was before.
+        // A gap whose rows are marked and have no time: what follows is no neighbour of what was
+        // before.
         set(&mut usable, "quality", 499, 0.0);
         let part = read_at(&usable, 100.0).unwrap();
         let rows: Vec<usize> = part.sequences.iter().map(Sequence::rows).collect();

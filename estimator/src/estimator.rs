@@ -1,4 +1,5 @@
-//! A model with all that belongs to it: what it was trained on, rate, axes, robot, intervals. Trained, stored, read, run.
+//! A model with all that belongs to it: what it was trained on, rate, axes, robot, intervals.
+//! Trained, stored, read, run.
 
 use crate::baseline::{Constant, Linear};
 use crate::geometry::Base;
@@ -38,11 +39,13 @@ pub struct Training {
     pub networks: NetworkLimits,
     /// Whether intervals are calibrated: the model is trained once more for each fold of trials.
     pub intervals: bool,
-    /// Inputs that the log lacks, by their place in [`crate::motion::INPUT_NAMES`]; they are 0 in the sequences.
+    /// Inputs that the log lacks, by their place in [`crate::motion::INPUT_NAMES`]; they are 0 in
+    /// the sequences.
     pub absent: Vec<usize>,
 }
 
-/// How long networks are trained. Their layers, rates and batches are those of the thesis, or of the small networks.
+/// How long networks are trained. Their layers, rates and batches are those of the thesis, or of
+/// the small networks.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct NetworkLimits {
     /// Passes through the training rows; `None`: those of the settings (50 in the thesis).
@@ -64,8 +67,8 @@ pub struct Recalibration {
     pub changes: [Change; 3],
 }
 
-/// Most folds of trials for intervals: with up to this many trials each is held out alone, so that a fold's model has nearly
-/// the training of the whole one.
+/// Most folds of trials for intervals: with up to this many trials each is held out alone, so that
+/// a fold's model has nearly the training of the whole one.
 const FOLDS: usize = 8;
 
 /// See the module's page.
@@ -299,7 +302,8 @@ impl Estimator {
         Ok(())
     }
 
-    /// Adapts the model to what has changed of its robot, on a log of free motion: no force is on the tool.
+    /// Adapts the model to what has changed of its robot, on a log of free motion: no force is on
+    /// the tool.
     ///
     /// # Errors
     /// The model has no torque balance, or the log does not tell the state of the friction.
@@ -363,7 +367,8 @@ impl Estimator {
         }
     }
 
-    /// Brings rows of inputs to those of the training: what the model was trained without is 0. `absent`: inputs that the rows lack.
+    /// Brings rows of inputs to those of the training: what the model was trained without is 0.
+    /// `absent`: inputs that the rows lack.
     ///
     /// # Errors
     /// [`ModelError::Data`]: the rows lack an input that the model was trained with.
@@ -382,7 +387,8 @@ impl Estimator {
         )))
     }
 
-    /// Writes a network as ONNX: its own inputs (see the module `neural`) to forces, both in SI units.
+    /// Writes a network as ONNX: its own inputs (see the module `neural`) to forces, both in SI
+    /// units.
     ///
     /// # Errors
     /// It is no network, or the file can't be written.
@@ -398,7 +404,8 @@ impl Estimator {
         )))
     }
 
-    /// What the file of [`Self::write_onnx`] reads and gives, as JSON for a file beside it. The hashes are those of both files.
+    /// What the file of [`Self::write_onnx`] reads and gives, as JSON for a file beside it. The
+    /// hashes are those of both files.
     ///
     /// # Errors
     /// It is no network.
@@ -578,7 +585,8 @@ fn held_out_of<'a>(model: &dyn Model, sequence: &'a Sequence, axes: usize) -> He
     }
 }
 
-/// Rows of a sequence that are replayed with breaks at most: enough for a hundred of them, and slow networks end in minutes.
+/// Rows of a sequence that are replayed with breaks at most: enough for a hundred of them, and slow
+/// networks end in minutes.
 const BROKEN_ROWS: usize = 15_000;
 
 /// Rows after starts and gaps of a replay of a held-out sequence.

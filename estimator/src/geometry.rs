@@ -1,14 +1,16 @@
 //! How a force at the tip acts on the motors, and in which frame it is counted.
 //!
-//! The robot's kinematics are known; how its base stands in the frame of the force is not written in a log. It is found from
-//! rows: the rotation that carries the tip of the kinematics to the tip that the robot reports (Kabsch).
+//! The robot's kinematics are known; how its base stands in the frame of the force is not written
+//! in a log. It is found from rows: the rotation that carries the tip of the kinematics to the tip
+//! that the robot reports (Kabsch).
 
 use crate::motion::torques_at_motors;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use robot::kinematics::{forward, position_jacobian};
 use serde::{Deserialize, Serialize};
 
-/// Largest distance between reported tip and kinematics after the fit, RMS, m. More is another robot, or another unit.
+/// Largest distance between reported tip and kinematics after the fit, RMS, m. More is another
+/// robot, or another unit.
 const LARGEST_MISFIT_M: f64 = 2e-3;
 
 /// Rotation from frame 0 of the robot to the frame of the force.

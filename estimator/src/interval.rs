@@ -1,14 +1,17 @@
-//! Calibrated intervals: how wide around an estimate, so that a stated share of unseen trials' rows lies within.
+//! Calibrated intervals: how wide around an estimate, so that a stated share of unseen trials' rows
+//! lies within.
 //!
-//! The width follows a predicted scale, which is larger in the dead zone: it is fitted to the absolute errors of held-out trials,
-//! from what the motion tells (speeds, how far each contact is bent back). The factor on the scale is conformal by trial: the
-//! quantile of |error| / scale over the rows of held-out trials, each estimated by a model that has not seen it, separately for six
-//! classes of the scale. Rows of a trial are not independent; trials are. So the coverage of one new trial scatters around the
-//! stated one by as much as the trials differ.
+//! The width follows a predicted scale, which is larger in the dead zone: it is fitted to the
+//! absolute errors of held-out trials, from what the motion tells (speeds, how far each contact is
+//! bent back). The factor on the scale is conformal by trial: the quantile of |error| / scale over
+//! the rows of held-out trials, each estimated by a model that has not seen it, separately for six
+//! classes of the scale. Rows of a trial are not independent; trials are. So the coverage of one
+//! new trial scatters around the stated one by as much as the trials differ.
 //!
-//! Rows after a start or a gap have a scale and factors of their own, in which also stands how much of the friction's state is unknown.
-//! They are fitted to replays of the held-out trials with many starts and gaps. Such a row is valid once its interval is no wider than
-//! [`WIDEST`] of the others are.
+//! Rows after a start or a gap have a scale and factors of their own, in which also stands how much
+//! of the friction's state is unknown. They are fitted to replays of the held-out trials with many
+//! starts and gaps. Such a row is valid once its interval is no wider than [`WIDEST`] of the others
+//! are.
 
 use crate::geometry::Base;
 use crate::misfit::TIMES;
@@ -26,7 +29,8 @@ const FLOOR_N: f64 = 0.02;
 const CLASSES: usize = 6;
 /// Share that is covered.
 pub const COVERAGE: f64 = 0.90;
-/// Share of the rows without a break whose interval is at most as wide as that of a row that is valid after one.
+/// Share of the rows without a break whose interval is at most as wide as that of a row that is
+/// valid after one.
 pub const WIDEST: f64 = 0.99;
 
 /// Misfit above which a model no longer fits its robot, per the largest of held-out trials.
@@ -40,7 +44,8 @@ pub struct Interval {
     settled: Scaled,
     base: Base,
     axes: Vec<usize>,
-    /// Rows after a start or a gap. Models of before have none: such rows are invalid, and their width is that of the others.
+    /// Rows after a start or a gap. Models of before have none: such rows are invalid, and their
+    /// width is that of the others.
     #[serde(default)]
     start: Option<AfterStart>,
     /// See [`Interval::fits`]. Its name in the file is that of these ways to tell a misfit.
@@ -89,7 +94,8 @@ const FEATURES: usize = 1 + 3 * 5 + 2 * LEVELS + 3;
 
 /// Age of a row below which it is never valid, s: three time constants of the filters.
 const FIRST_S: f64 = 3.0 * FILTER_S - 1e-9;
-/// Time constants with which what a start leaves fades, s: filters, the observer's memory, slow averages.
+/// Time constants with which what a start leaves fades, s: filters, the observer's memory, slow
+/// averages.
 const FADES_S: [f64; 3] = [0.05, 0.2, 1.0];
 
 /// The same after a start or a gap.
@@ -213,7 +219,8 @@ impl Interval {
         })
     }
 
-    /// Whether a model with this misfit fits its robot: up to `FITS` times the largest of trials that it had not seen.
+    /// Whether a model with this misfit fits its robot: up to `FITS` times the largest of trials
+    /// that it had not seen.
     #[must_use]
     pub fn fits(&self, misfit: &[f64; TIMES]) -> bool {
         let pairs =
@@ -303,7 +310,8 @@ fn walk(held: &HeldOut<'_>, mut visit: impl FnMut(usize, &Moment)) {
 }
 
 impl Scaled {
-    /// Fits a scale to rows of `features` values and their errors, N, and a factor to each class; `None` with too few rows.
+    /// Fits a scale to rows of `features` values and their errors, N, and a factor to each class;
+    /// `None` with too few rows.
     fn fit(features: usize, scores: &Scores) -> Option<Self> {
         let mut sums = Sums::new(features, 1);
         for (row, error_n) in scores.rows() {

@@ -1,8 +1,9 @@
 //! Sensorless estimation of the contact force: from joint positions, velocities and efforts of a
 //! cable-driven robot to the force on its tool.
 //!
-//! [`data`] turns logs into sequences, [`sequence`] is what every model reads, [`model`] what every model does, `network` the
-//! neural ones. [`estimator`] is a model with all that belongs to it, [`mod@stream`] runs it row by row, [`metrics`] is how good it is, [`interval`] how sure.
+//! [`data`] turns logs into sequences, [`sequence`] is what every model reads, [`model`] what every
+//! model does, `network` the neural ones. [`estimator`] is a model with all that belongs to it,
+//! [`mod@stream`] runs it row by row, [`metrics`] is how good it is, [`interval`] how sure.
 
 pub mod baseline;
 pub mod data;

@@ -3,7 +3,8 @@
 use crate::motion::INPUT_NAMES;
 use serde::{Deserialize, Serialize};
 
-/// Where in a log the model's inputs are: column names, factors to SI units. The default is the dataset of an experiment.
+/// Where in a log the model's inputs are: column names, factors to SI units. The default is the
+/// dataset of an experiment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Mapping {
@@ -17,7 +18,8 @@ pub struct Mapping {
     pub effort: [Source; 3],
     /// Force on the tool: to N. With the factor -1 for a log of the force by the tool.
     pub force: [Source; 3],
-    /// Tip as the robot reports it: to m. All three absent: the frame of the force is the robot's CRTK frame.
+    /// Tip as the robot reports it: to m. All three absent: the frame of the force is the robot's
+    /// CRTK frame.
     pub tip: [Source; 3],
     /// Column that is 1 where a row can be used; empty: every row can be.
     pub usable: String,
@@ -37,7 +39,8 @@ pub struct Source {
     /// Factor to the SI unit.
     #[serde(default = "one")]
     pub factor: f64,
-    /// The log has no such quantity: velocities, and efforts of one or two joints. The model is trained without this input.
+    /// The log has no such quantity: velocities, and efforts of one or two joints. The model is
+    /// trained without this input.
     #[serde(default)]
     pub absent: bool,
 }

@@ -1,4 +1,5 @@
-//! How good estimates are: errors with intervals over trials, by speed, near reversals, and what a step costs.
+//! How good estimates are: errors with intervals over trials, by speed, near reversals, and what a
+//! step costs.
 
 use crate::geometry::Base;
 use crate::model::{Model, Stepper};
@@ -16,7 +17,8 @@ pub const SPEED_BINS: usize = 6;
 pub struct Rows {
     /// Trial.
     pub trial: usize,
-    /// Error of each row: the length of the error vector, or the error along the axis with its sign, N.
+    /// Error of each row: the length of the error vector, or the error along the axis with its
+    /// sign, N.
     pub error: Vec<f64>,
     /// Estimate, the first component, N.
     pub estimate: Vec<f64>,
@@ -47,7 +49,8 @@ pub struct Figures {
     pub mae_half_n: Option<f64>,
     /// Root mean square error, N.
     pub rmse_n: f64,
-    /// RMSE per range of the label: from the smallest to the largest value of any component. `None` where the label has no range.
+    /// RMSE per range of the label: from the smallest to the largest value of any component. `None`
+    /// where the label has no range.
     pub nrmse: Option<f64>,
     /// Rows.
     pub rows: usize,
@@ -91,8 +94,8 @@ pub fn by_trial(trials: &[Rows]) -> Vec<f64> {
     trials.iter().map(mean).collect()
 }
 
-/// `a` less `b`, both by trial and of the same trials. What is hard for both models in a trial cancels. `None` without trials, or
-/// with other numbers of trials.
+/// `a` less `b`, both by trial and of the same trials. What is hard for both models in a trial
+/// cancels. `None` without trials, or with other numbers of trials.
 #[must_use]
 pub fn paired(a: &[f64], b: &[f64]) -> Option<Difference> {
     if a.is_empty() || a.len() != b.len() {
@@ -105,8 +108,8 @@ pub fn paired(a: &[f64], b: &[f64]) -> Option<Difference> {
     })
 }
 
-/// Predicts sequences and compares. The first 10 s of a sequence are left out: no model with a memory knows its state there. A
-/// trial of which nothing is left is not listed.
+/// Predicts sequences and compares. The first 10 s of a sequence are left out: no model with a
+/// memory knows its state there. A trial of which nothing is left is not listed.
 #[must_use]
 pub fn compare(
     model: &dyn Model,
@@ -204,7 +207,8 @@ pub fn by_component(trials: &[Rows]) -> Vec<f64> {
         .collect()
 }
 
-/// Upper ends of six bins of equal width from 0 to the speed that 99.5 % of the rows stay below (the last bin is open), m/s.
+/// Upper ends of six bins of equal width from 0 to the speed that 99.5 % of the rows stay below
+/// (the last bin is open), m/s.
 #[must_use]
 pub fn speed_edges(trials: &[Rows]) -> [f64; SPEED_BINS] {
     let mut speeds: Vec<f64> = trials

@@ -1,10 +1,12 @@
 //! Whether a model still fits its robot, told without a force sensor.
 //!
-//! Three motors tell one force, and one of less than three components leaves equations to spare: what the balances lack must be what a
-//! force can do to them. The force that explains them best is taken out, with the spread of the training as prior. What is left, in units
-//! of its noise, is the misfit in three ways: as it is and averaged over `ALIKE_S`, both squared over `MISFIT_S`, and as the torques that
-//! stay for `STAYS_S` and explain it best. What comes with each turn of a motor is in the first, a torque that comes and goes in minutes in
-//! the last: while a force moves the levers, it alone stays. Each is compared with that of trials which the model had not seen.
+//! Three motors tell one force, and one of less than three components leaves equations to spare:
+//! what the balances lack must be what a force can do to them. The force that explains them best is
+//! taken out, with the spread of the training as prior. What is left, in units of its noise, is the
+//! misfit in three ways: as it is and averaged over `ALIKE_S`, both squared over `MISFIT_S`, and as
+//! the torques that stay for `STAYS_S` and explain it best. What comes with each turn of a motor is
+//! in the first, a torque that comes and goes in minutes in the last: while a force moves the
+//! levers, it alone stays. Each is compared with that of trials which the model had not seen.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -14,7 +16,8 @@ const ALIKE_S: f64 = 2.0;
 pub const TIMES: usize = 3;
 /// Time over which it is asked, s.
 const MISFIT_S: f64 = 20.0;
-/// Time over which a torque is asked for that stays, s. With 60 s as many trials were told (virtual arm, seeds 11 to 13).
+/// Time over which a torque is asked for that stays, s. With 60 s as many trials were told (virtual
+/// arm, seeds 11 to 13).
 const STAYS_S: f64 = 30.0;
 /// Such a torque before anything is known, standard deviations of the noise.
 const USUAL: f64 = 10.0;
@@ -30,8 +33,8 @@ pub struct Misfit {
 }
 
 impl Misfit {
-    /// Takes what the balances lack, its variances, levers, and the inverse of the second moments of the force; gives
-    /// the misfit: RMS of what is left, in units of its noise.
+    /// Takes what the balances lack, its variances, levers, and the inverse of the second moments
+    /// of the force; gives the misfit: RMS of what is left, in units of its noise.
     pub fn step(
         &mut self,
         lacking: &Vector3<f64>,
@@ -70,7 +73,8 @@ impl Misfit {
 mod tests {
     use super::*;
 
-    /// Misfit after a minute of a force along y that goes back and forth, with this much more at the balance of motor 1.
+    /// Misfit after a minute of a force along y that goes back and forth, with this much more at
+    /// the balance of motor 1.
     fn after_a_minute(more: impl Fn(f64) -> f64, along_x: f64) -> [f64; TIMES] {
         let levers = Matrix3::new(0.1, 0.01, 0.04, 0.02, -0.08, 0.01, -0.4, 0.06, 0.9);
         let variance = Vector3::new(0.008, 0.005, 0.13).map(|sd: f64| sd * sd);

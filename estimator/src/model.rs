@@ -1,4 +1,5 @@
-//! What every model of the contact force does: learn from sequences, then turn rows into forces, one at a time and causally.
+//! What every model of the contact force does: learn from sequences, then turn rows into forces,
+//! one at a time and causally.
 
 use crate::misfit::TIMES;
 use crate::sequence::Sequence;
@@ -19,7 +20,8 @@ pub enum ModelError {
 /// How far the training of a network went.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Epochs {
-    /// Passes through the training rows. The last one may be a part: 0.4 is a training that ended within its first pass.
+    /// Passes through the training rows. The last one may be a part: 0.4 is a training that ended
+    /// within its first pass.
     pub done: f64,
     /// Passes that were asked for.
     pub wanted: usize,
@@ -48,7 +50,8 @@ pub struct Progress {
 pub trait Model: Send {
     /// Force of every row of a sequence, N: `rows * targets` values.
     ///
-    /// Row `k` depends on the rows up to `k` alone. Rows before a model's window is full use what there is.
+    /// Row `k` depends on the rows up to `k` alone. Rows before a model's window is full use what
+    /// there is.
     fn predict(&self, sequence: &Sequence) -> Vec<f32>;
 
     /// Number of trained parameters.
@@ -61,9 +64,11 @@ pub trait Model: Send {
 /// How a model fits its robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Fit {
-    /// How far the motors' balances are from what any force could do to them, in units of their noise: see [`crate::misfit`].
+    /// How far the motors' balances are from what any force could do to them, in units of their
+    /// noise: see [`crate::misfit`].
     pub misfit: [f64; TIMES],
-    /// Standard deviation of the components of the force by what a recalibration has left unknown, N.
+    /// Standard deviation of the components of the force by what a recalibration has left unknown,
+    /// N.
     pub unsure_n: [f64; 3],
 }
 
@@ -75,8 +80,8 @@ pub trait Stepper {
     /// Forgets the past: the next row begins a sequence.
     fn reset(&mut self);
 
-    /// The next row comes `elapsed_s` after the one before it, because rows are missing between them. A model that cannot go on
-    /// over a gap forgets the past.
+    /// The next row comes `elapsed_s` after the one before it, because rows are missing between
+    /// them. A model that cannot go on over a gap forgets the past.
     fn gap(&mut self, elapsed_s: f64) {
         let _ = elapsed_s;
         self.reset();

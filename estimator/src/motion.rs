@@ -1,16 +1,19 @@
-//! What the motion of the joints tells about friction: the state that rows of positions, velocities and efforts leave behind.
+//! What the motion of the joints tells about friction: the state that rows of positions, velocities
+//! and efforts leave behind.
 //!
-//! Friction depends on where a contact has been, not on where it is. A contact that has just turned round is bent elastically
-//! (presliding) until it slides. A *stop operator* with threshold r follows the position, but never by more than r: its value
-//! over r runs from -1 to 1 within a travel of 2 r after a reversal. A bank of them with different thresholds spans every
-//! hysteresis of this kind (Prandtl, Ishlinskii); how much of each there is, a fit finds.
+//! Friction depends on where a contact has been, not on where it is. A contact that has just turned
+//! round is bent elastically (presliding) until it slides. A *stop operator* with threshold r
+//! follows the position, but never by more than r: its value over r runs from -1 to 1 within a
+//! travel of 2 r after a reversal. A bank of them with different thresholds spans every hysteresis
+//! of this kind (Prandtl, Ishlinskii); how much of each there is, a fit finds.
 //!
 //! All filters are causal. A first-order filter with time constant T delays a slow signal by T.
 //!
-//! Where a stream begins, nobody knows how far the contacts are bent. Two more stop operators, begun at both ends, enclose each: once they
-//! meet, which a travel of 2 r in one direction brings about, the past before the start has no more influence. A contact that begins to
-//! move is taken to have slid in that direction before. Across a gap the operators go on with what the positions moved in it, and the
-//! bounds open by what the joint could have gone back and forth.
+//! Where a stream begins, nobody knows how far the contacts are bent. Two more stop operators,
+//! begun at both ends, enclose each: once they meet, which a travel of 2 r in one direction brings
+//! about, the past before the start has no more influence. A contact that begins to move is taken
+//! to have slid in that direction before. Across a gap the operators go on with what the positions
+//! moved in it, and the bounds open by what the joint could have gone back and forth.
 
 use robot::kinematics::COUPLING;
 
@@ -28,8 +31,8 @@ pub const INPUT_NAMES: [&str; INPUTS] = [
     "joint_effort_2",
     "joint_effort_3",
 ];
-/// Thresholds of the stop operators: rad, rad, m. From twice a count of the encoder to the travel in which the arm's own
-/// position controller builds up the torque of full friction.
+/// Thresholds of the stop operators: rad, rad, m. From twice a count of the encoder to the travel
+/// in which the arm's own position controller builds up the torque of full friction.
 pub const THRESHOLDS: [[f64; LEVELS]; 3] = [
     [1e-4, 2e-4, 4e-4, 8e-4, 1.6e-3, 3.2e-3],
     [1e-4, 2e-4, 4e-4, 8e-4, 1.6e-3, 3.2e-3],
@@ -37,8 +40,8 @@ pub const THRESHOLDS: [[f64; LEVELS]; 3] = [
 ];
 /// Thresholds of a joint.
 pub const LEVELS: usize = 6;
-/// Places that stop operators follow: three motors, two links, and the same links with stretched cables. The shoulder's link moves with
-/// its motor.
+/// Places that stop operators follow: three motors, two links, and the same links with stretched
+/// cables. The shoulder's link moves with its motor.
 pub const PLACES: usize = 7;
 /// Stop operators.
 pub const STOPS: usize = PLACES * LEVELS;
@@ -46,21 +49,23 @@ pub const STOPS: usize = PLACES * LEVELS;
 const BANKS: [usize; PLACES] = [0, 1, 2, 1, 2, 1, 2];
 /// Share of a place's friction that may be unknown where its state counts as known.
 const KNOWN: f64 = 0.02;
-/// Time after a start or a gap in which filters run in, s: twice the longest time constant of the estimate's memories but those of
-/// a tip that stands (0.5 s).
+/// Time after a start or a gap in which filters run in, s: twice the longest time constant of the
+/// estimate's memories but those of a tip that stands (0.5 s).
 const RUN_IN_S: f64 = 1.0;
 /// Gap after which nothing of before is used, s: the joints can have been anywhere.
 pub const LONGEST_GAP_S: f64 = 10.0;
 /// Speed in a gap per the speed before it: what was not seen may have been faster. Estimate.
 const FASTER: f64 = 1.5;
-/// Stiffness of the cables at the joints, N·m/rad, N·m/rad, N/m (raven2_sim). It need not be exact: with half or twice the elbow's
-/// the residual of its balance was the same within 1 %.
+/// Stiffness of the cables at the joints, N·m/rad, N·m/rad, N/m (raven2_sim). It need not be exact:
+/// with half or twice the elbow's the residual of its balance was the same within 1 %.
 const CABLE_STIFFNESS: [f64; 3] = [5_700.0, 1_000.0, 18_500.0];
-/// Part of a motor's Coulomb friction that is before its cable, for the stretch alone. It need not be exact either.
+/// Part of a motor's Coulomb friction that is before its cable, for the stretch alone. It need not
+/// be exact either.
 const BEFORE_CABLE: f64 = 0.5;
 /// Stop operator that stands for the direction of that friction.
 const STRETCH_LEVEL: usize = 3;
-/// Time constant of the filters of efforts, velocities and stop operators, s. All have the same delay, so they stay in step.
+/// Time constant of the filters of efforts, velocities and stop operators, s. All have the same
+/// delay, so they stay in step.
 pub const FILTER_S: f64 = 0.05;
 /// Time over which velocities are taken from positions, s.
 const RATE_S: f64 = 0.1;
@@ -138,7 +143,8 @@ impl Stop {
         }
     }
 
-    /// Takes a position that was reached with up to `unseen` of travel beyond it and back; gives the state, -1 to 1.
+    /// Takes a position that was reached with up to `unseen` of travel beyond it and back; gives
+    /// the state, -1 to 1.
     fn step(&mut self, x: f64, unseen: f64) -> f64 {
         let r = self.threshold;
         let Some(at) = self.at.replace(x) else {
@@ -182,24 +188,26 @@ pub struct Moment {
     pub rate: [f64; 3],
     /// Velocity of the joints from positions over 0.1 s.
     pub joint_rate: [f64; 3],
-    /// Velocity of the motors from one row to the next, filtered like the torque: rad/s, rad/s, m/s.
+    /// Velocity of the motors from one row to the next, filtered like the torque: rad/s, rad/s,
+    /// m/s.
     pub flow: [f64; 3],
     /// Acceleration of the motors, filtered like the torque: rad/s², rad/s², m/s².
     pub acceleration: [f64; 3],
-    /// Velocity of links 2 and 3 from one row to the next, filtered like the torque, then of the same with stretched cables:
-    /// rad/s, m/s, rad/s, m/s.
+    /// Velocity of links 2 and 3 from one row to the next, filtered like the torque, then of the
+    /// same with stretched cables: rad/s, m/s, rad/s, m/s.
     pub link_flow: [f64; 4],
-    /// Stop operators, filtered, -1 to 1: motors 1 to 3, then links 2 and 3, then these with stretched cables, each from the
-    /// smallest threshold.
+    /// Stop operators, filtered, -1 to 1: motors 1 to 3, then links 2 and 3, then these with
+    /// stretched cables, each from the smallest threshold.
     pub stops: [f64; STOPS],
-    /// Rates of the stop operators, filtered, 1/s: zero where a contact slides, its velocity per threshold where it bends.
+    /// Rates of the stop operators, filtered, 1/s: zero where a contact slides, its velocity per
+    /// threshold where it bends.
     pub stop_rates: [f64; STOPS],
     /// Torque less its slow references, N·m, N·m, N.
     pub torque_change: [[f64; 3]; 2],
     /// Motor travel less its slow references, rad, rad, m.
     pub travel_change: [[f64; 3]; 2],
-    /// How much of the friction's state a start or a gap has left unknown, 0 to 1, filtered: motors 1 to 3, links 2 and 3, these with
-    /// stretched cables. Mean over the thresholds.
+    /// How much of the friction's state a start or a gap has left unknown, 0 to 1, filtered: motors
+    /// 1 to 3, links 2 and 3, these with stretched cables. Mean over the thresholds.
     pub unknown: [f64; PLACES],
     /// Time since the last start or gap, s.
     pub age_s: f64,
@@ -240,7 +248,8 @@ impl Moment {
         links.into_iter().fold(self.unknown[i], f64::max)
     }
 
-    /// Whether the past before the last start or gap has no more influence: filters have run in, and the friction's state is known.
+    /// Whether the past before the last start or gap has no more influence: filters have run in,
+    /// and the friction's state is known.
     #[must_use]
     pub fn settled(&self) -> bool {
         self.age_s >= RUN_IN_S - 1e-9 && self.friction_known()
@@ -265,8 +274,9 @@ impl Moment {
     }
 }
 
-/// A position with filtered velocity and acceleration, both from one row to the next. Differences of a filtered position: so they
-/// have the delay of the filtered torque, and a balance does not mix two times.
+/// A position with filtered velocity and acceleration, both from one row to the next. Differences
+/// of a filtered position: so they have the delay of the filtered torque, and a balance does not
+/// mix two times.
 #[derive(Debug, Clone, Copy)]
 struct Track {
     filter: LowPass,
@@ -338,7 +348,8 @@ pub fn at_joints(motors: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-/// Torques at the joints as torques at the motors, in the joints' units: the transpose of C, inverted.
+/// Torques at the joints as torques at the motors, in the joints' units: the transpose of C,
+/// inverted.
 #[must_use]
 pub fn torques_at_motors(joint: [f64; 3]) -> [f64; 3] {
     let third = joint[2];
@@ -454,7 +465,8 @@ impl Motion {
                     motors[i] - self.slow_travel[s][i].step_after(motors[i], steps);
             }
         }
-        // The cable carries what the motor's friction leaves. The friction's direction is that of the row before.
+        // The cable carries what the motor's friction leaves. The friction's direction is that of
+        // the row before.
         let stretched = at_joints(core::array::from_fn(|i| {
             let friction = BEFORE_CABLE * self.coulomb[i] * m.stops[i * LEVELS + STRETCH_LEVEL];
             motors[i] - (m.torque[i] - friction) / CABLE_STIFFNESS[i]
@@ -603,7 +615,8 @@ mod tests {
         let after = *motion.step(&at(114));
         assert_eq!(after.age_s, 0.0);
         assert!(after.motor_stop(0, 5) > 0.9, "{after:?}");
-        // Up to half as fast again as it was: 1.4 mrad back and forth, of which the small thresholds forget all and the largest a fifth.
+        // Up to half as fast again as it was: 1.4 mrad back and forth, of which the small
+        // thresholds forget all and the largest a fifth.
         assert!(
             after.unknown[0] > 0.3 && after.unknown[0] < 0.95,
             "{after:?}"
@@ -664,7 +677,8 @@ mod tests {
         for n in 0..300 {
             let m = *motion.step(&row(shape(n), shape(n)));
             let rate = (m.torque[0] - before.0) / step_s;
-            // Once the filters have run in: at a start the velocity is known before the torque's rate.
+            // Once the filters have run in: at a start the velocity is known before the torque's
+            // rate.
             if n > 60 {
                 assert!((m.flow[0] - rate).abs() < 1e-5, "row {n}: {m:?}");
                 // f32 rows: 1e-8 of the position over the square of the step.

@@ -1,7 +1,8 @@
-//! A neural network on the robot's state as the thesis's networks read it (4.2): joint and tip positions, velocities, and
-//! efforts at the joints and at the tip, smoothed.
+//! A neural network on the robot's state as the thesis's networks read it (4.2): joint and tip
+//! positions, velocities, and efforts at the joints and at the tip, smoothed.
 //!
-//! The thesis names the quantities and not their number or filters. Here they are 18, and every filter is causal.
+//! The thesis names the quantities and not their number or filters. Here they are 18, and every
+//! filter is causal.
 
 use crate::geometry::{tip_in_0, Base};
 use crate::model::{Model, ModelError, Progress, Stepper};
@@ -52,7 +53,8 @@ pub struct Neural {
     targets: usize,
 }
 
-/// Inputs and outputs of an exported network, for who runs it elsewhere. It lies beside the ONNX file.
+/// Inputs and outputs of an exported network, for who runs it elsewhere. It lies beside the ONNX
+/// file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OnnxCard {
     /// Model.
@@ -101,7 +103,8 @@ pub struct StoredNeural {
     pub network: String,
 }
 
-/// Inputs at a row: joints, their velocities, torques at the motors, tip, its velocity, the force that the torques alone tell.
+/// Inputs at a row: joints, their velocities, torques at the motors, tip, its velocity, the force
+/// that the torques alone tell.
 fn inputs(m: &Moment, base: &Base) -> [f32; INPUTS] {
     let tip = tip_in_0(m.joints);
     let velocity = base.jacobian(m.joints) * Vector3::from(m.joint_rate);

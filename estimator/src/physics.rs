@@ -1,4 +1,5 @@
-//! The physical model: torque balance of each motor, with identified gravity and friction, and a recursive estimate of the force.
+//! The physical model: torque balance of each motor, with identified gravity and friction, and a
+//! recursive estimate of the force.
 //!
 //! A motor's torque is what gravity, friction and the contact need:
 //!
@@ -6,18 +7,21 @@
 //! torque = gravity(q) + friction(motion, load) - levers(q) * force          per motor, in the joint's unit
 //! ```
 //!
-//! Gravity and friction are linear in what is identified: gravity in products of the joints' sines and cosines, friction in stop
-//! operators (presliding and Coulomb friction with their true hysteresis) of motors and links, their rates (damping of a contact that
-//! bends, as in LuGre), their products with the motors' load (load-dependent friction) and with functions that fade with speed
-//! (Stribeck, motors and links), and velocity (viscous friction). What loads a gear is the torque less the motor's own friction, of which
-//! only the sum with the links' is known beforehand: products with several parts of it let the fit find the part. Links follow their
-//! motors with and without the stretch of the cables. Velocities and accelerations have the filter of the torque: with velocities over
-//! 0.1 s alone, half of the balance's residual was their difference in delay.
+//! Gravity and friction are linear in what is identified: gravity in products of the joints' sines
+//! and cosines, friction in stop operators (presliding and Coulomb friction with their true
+//! hysteresis) of motors and links, their rates (damping of a contact that bends, as in LuGre),
+//! their products with the motors' load (load-dependent friction) and with functions that fade with
+//! speed (Stribeck, motors and links), and velocity (viscous friction). What loads a gear is the
+//! torque less the motor's own friction, of which only the sum with the links' is known beforehand:
+//! products with several parts of it let the fit find the part. Links follow their motors with and
+//! without the stretch of the cables. Velocities and accelerations have the filter of the torque:
+//! with velocities over 0.1 s alone, half of the balance's residual was their difference in delay.
 //!
-//! What the balance lacks is the contact. It is the first-order disturbance observer of De Luca's kind: filtered torque less
-//! filtered model. Each motor then gives one equation for the force; they are weighted by the inverse of their residual variance,
-//! which depends on the motor's speed, and summed with an exponential memory. In a dead zone a motor's weight is small and the
-//! other motors, the memory, and at last the prior hold the estimate.
+//! What the balance lacks is the contact. It is the first-order disturbance observer of De Luca's
+//! kind: filtered torque less filtered model. Each motor then gives one equation for the force;
+//! they are weighted by the inverse of their residual variance, which depends on the motor's speed,
+//! and summed with an exponential memory. In a dead zone a motor's weight is small and the other
+//! motors, the memory, and at last the prior hold the estimate.
 
 use crate::geometry::Base;
 use crate::misfit::{Misfit, TIMES};
@@ -32,9 +36,11 @@ use rayon::prelude::*;
 use robot::kinematics::TRANSMISSION;
 use serde::{Deserialize, Serialize};
 
-/// Rows at the start of a sequence that no fit uses, s: the stop operators do not yet know their state.
+/// Rows at the start of a sequence that no fit uses, s: the stop operators do not yet know their
+/// state.
 pub const SETTLE_S: f64 = 10.0;
-/// Time constant of the memory, s. Shorter is noisier, longer lags: a force that changes by 0.3 N/s is 0.06 N late.
+/// Time constant of the memory, s. Shorter is noisier, longer lags: a force that changes by 0.3 N/s
+/// is 0.06 N late.
 pub const MEMORY_S: f64 = 0.2;
 /// Bins of speed for the residual variance of a motor.
 const BINS: usize = 8;
@@ -45,7 +51,8 @@ const GRAVITY: usize = 14;
 /// Regressors of a motor.
 pub const REGRESSORS: usize =
     GRAVITY + 3 + 3 + 3 + 1 + 2 * STOPS + 6 + 3 + 3 + 16 + LEVELS * SHARES.len();
-/// Places of the regressors that are friction with a direction: not the rates of the stops, which are damping, nor loads without one.
+/// Places of the regressors that are friction with a direction: not the rates of the stops, which
+/// are damping, nor loads without one.
 const FRICTION: [[usize; 2]; 3] = {
     let stops = GRAVITY + 10;
     let products = stops + 2 * STOPS;
@@ -56,11 +63,13 @@ const FRICTION: [[usize; 2]; 3] = {
         [links, REGRESSORS],
     ]
 };
-/// Parts of a motor's Coulomb friction that may lie before its gear's load: which part it is, the fit finds.
+/// Parts of a motor's Coulomb friction that may lie before its gear's load: which part it is, the
+/// fit finds.
 const SHARES: [f64; 4] = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0];
 /// Speeds at which the excess of a link's breakaway fades: rad/s of link 2, m/s of link 3.
 const LINK_FADE: [[f64; 4]; 2] = [[0.001, 0.003, 0.01, 0.03], [1e-4, 3e-4, 1e-3, 3e-3]];
-/// Least time of free motion that recalibrates, s: half of the minute that is asked for, since a start and rests tell nothing.
+/// Least time of free motion that recalibrates, s: half of the minute that is asked for, since a
+/// start and rests tell nothing.
 const FREE_S: f64 = 30.0;
 /// Every so many rows enters the fits where there are many: neighbours tell nearly the same.
 const EVERY: usize = 3;
@@ -285,7 +294,8 @@ impl Physics {
                 "the physical model needs the force's three components as targets".to_owned(),
             ));
         }
-        // Gravity, Coulomb and viscous friction alone, on a tenth of the rows, tell how large the friction is.
+        // Gravity, Coulomb and viscous friction alone, on a tenth of the rows, tell how large the
+        // friction is.
         let coarse = fit(&base, [0.0; 3], sequences, SMALL, 10, |m, i, row| {
             regressors(m, i, 0.0, row);
             row.truncate(GRAVITY);
@@ -334,7 +344,8 @@ impl Physics {
         })
     }
 
-    /// Finds on free motion what has changed of the robot: no force is on the tool. What was found before is forgotten.
+    /// Finds on free motion what has changed of the robot: no force is on the tool. What was found
+    /// before is forgotten.
     ///
     /// # Errors
     /// Too few rows in which all joints move. The model is as it was then.
@@ -372,7 +383,8 @@ impl Physics {
         Ok(changes)
     }
 
-    /// The balance of each motor at each row that tells it, with the measured force; a force that was not measured counts as none.
+    /// The balance of each motor at each row that tells it, with the measured force; a force that
+    /// was not measured counts as none.
     #[must_use]
     pub fn balances(&self, sequence: &Sequence) -> Vec<[Balance; 3]> {
         let mut observer = self.observer();
@@ -475,7 +487,8 @@ fn prior(sequences: &[&Sequence]) -> [[f64; 3]; 3] {
     core::array::from_fn(|i| core::array::from_fn(|j| inverse[(i, j)]))
 }
 
-/// Rate of a force of 0.1 to 0.3 N/s and up to 4.5 N, as in the thesis, for models that were trained before it was found: 1/s.
+/// Rate of a force of 0.1 to 0.3 N/s and up to 4.5 N, as in the thesis, for models that were
+/// trained before it was found: 1/s.
 const fn usual_rate() -> f64 {
     0.08
 }

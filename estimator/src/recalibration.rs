@@ -1,18 +1,21 @@
 //! What has changed of a robot since a model was trained, found on a minute of free motion.
 //!
-//! Each motor has an offset (zero of its amplifier), a share of its friction, a gain, a ripple of its friction over a turn, and friction
-//! that is larger one way. They add to what its balance lacks, and in free motion nothing else does:
+//! Each motor has an offset (zero of its amplifier), a share of its friction, a gain, a ripple of
+//! its friction over a turn, and friction that is larger one way. They add to what its balance
+//! lacks, and in free motion nothing else does:
 //!
 //! ```text
 //! balance = effects * changes + noise        each motor by itself
 //! ```
 //!
-//! The changes are few and small, so a minute tells them: least squares with what is usual as prior. Neighbouring rows have the same
-//! error, so each counts by the time between them over that in which errors are alike.
+//! The changes are few and small, so a minute tells them: least squares with what is usual as
+//! prior. Neighbouring rows have the same error, so each counts by the time between them over that
+//! in which errors are alike.
 //!
-//! A torque that comes and goes shows as an offset that moves within the minute. Where it moves, force and torque are told apart under load:
-//! see [`crate::wander`]. All other changes that are followed while a force is on the tool were tried, with a filter that
-//! has the force and the changes as states. At this arm it took slow forces for offsets: see docs/estimation.md.
+//! A torque that comes and goes shows as an offset that moves within the minute. Where it moves,
+//! force and torque are told apart under load: see [`crate::wander`]. All other changes that are
+//! followed while a force is on the tool were tried, with a filter that has the force and the
+//! changes as states. At this arm it took slow forces for offsets: see docs/estimation.md.
 
 use crate::motion::{Moment, FILTER_S};
 use crate::wander;
@@ -20,31 +23,36 @@ use nalgebra::{SMatrix, SVector};
 use robot::kinematics::TRANSMISSION;
 use serde::{Deserialize, Serialize};
 
-/// Changes of a motor: offset per Coulomb friction, share of friction, gain, ripple (sine, cosine) per Coulomb friction, share of
-/// friction that is more in positive direction.
+/// Changes of a motor: offset per Coulomb friction, share of friction, gain, ripple (sine, cosine)
+/// per Coulomb friction, share of friction that is more in positive direction.
 const CHANGES: usize = 6;
-/// Standard deviations before anything is known. Estimates: about the sizes of docs/robot.md, "What changes".
+/// Standard deviations before anything is known. Estimates: about the sizes of docs/robot.md, "What
+/// changes".
 const SPREAD: [f64; CHANGES] = [0.1, 0.1, 0.03, 0.1, 0.1, 0.1];
-/// Time in which errors of a balance are alike, s. With 0.5 s the error after a minute was up to 20 % larger, with 1 s up to 5 % (virtual
-/// arm, seed 1).
+/// Time in which errors of a balance are alike, s. With 0.5 s the error after a minute was up to 20
+/// % larger, with 1 s up to 5 % (virtual arm, seed 1).
 const ALIKE_S: f64 = 2.0;
-/// Part of a change that is of another form than its effect here: a gear's friction does not change in all contacts alike. Estimate; with
-/// 0 the intervals of large changes covered 78 to 85 % (virtual arm, seed 1).
+/// Part of a change that is of another form than its effect here: a gear's friction does not change
+/// in all contacts alike. Estimate; with 0 the intervals of large changes covered 78 to 85 %
+/// (virtual arm, seed 1).
 const FORM: f64 = 0.05;
-/// Standard deviation of the friction's change until the next recalibration, share of it. Estimate: a twentieth of the change over a day;
-/// with 0.005 the intervals of an unchanged arm covered 97 % (virtual arm, seeds 11 to 13), with 0.003 95 %.
+/// Standard deviation of the friction's change until the next recalibration, share of it. Estimate:
+/// a twentieth of the change over a day; with 0.005 the intervals of an unchanged arm covered 97 %
+/// (virtual arm, seeds 11 to 13), with 0.003 95 %.
 const DRIFT: f64 = 0.003;
-/// The same of friction that was found above that of training, share of what is above: a cold arm may warm. A warming of 600 s takes 0.2 of
-/// it (RMS over the three minutes after the minute).
+/// The same of friction that was found above that of training, share of what is above: a cold arm
+/// may warm. A warming of 600 s takes 0.2 of it (RMS over the three minutes after the minute).
 const COLD: f64 = 0.2;
-/// Square of rate and curvature of an offset, per noise of the minute, above which it comes and goes. On seeds 11 to 13 it was at most 21 at
-/// the elbow without a drag, at most 38 at the shoulder, where it harms little, and 41 at least with a drag of 0.2 N·m.
+/// Square of rate and curvature of an offset, per noise of the minute, above which it comes and
+/// goes. On seeds 11 to 13 it was at most 21 at the elbow without a drag, at most 38 at the
+/// shoulder, where it harms little, and 41 at least with a drag of 0.2 N·m.
 const WANDERS: f64 = 30.0;
 /// Least that a minute leaves, per noise of training.
 const LEAST_LEFT: f64 = 0.1;
 /// Place of the share of friction among the changes.
 pub(crate) const FRICTION: usize = 1;
-/// Ripple of the friction over a turn that is told, share: some times what a minute finds where there is none.
+/// Ripple of the friction over a turn that is told, share: some times what a minute finds where
+/// there is none.
 const TOLD_RIPPLE: f64 = 0.03;
 /// Stop operator that stands for the direction of sliding.
 const DIRECTION: usize = 2;
@@ -63,7 +71,8 @@ pub fn motor_angle(m: &Moment, i: usize) -> f64 {
     (m.motors[i] - FILTER_S * m.flow[i]) * TRANSMISSION[i]
 }
 
-/// What the changes of motor `i` add to its balance. `coulomb`: size of its friction; `friction`: what the model has of it now.
+/// What the changes of motor `i` add to its balance. `coulomb`: size of its friction; `friction`:
+/// what the model has of it now.
 #[must_use]
 pub fn effects(m: &Moment, i: usize, coulomb: f64, friction: f64) -> [f64; CHANGES] {
     let angle = motor_angle(m, i);
@@ -218,7 +227,8 @@ pub struct Change {
 }
 
 impl Change {
-    /// What has surely changed, in words: more than three standard deviations. `unit`: that of a torque at the joint.
+    /// What has surely changed, in words: more than three standard deviations. `unit`: that of a
+    /// torque at the joint.
     #[must_use]
     pub fn surely(&self, unit: &str) -> Vec<String> {
         let [offset, friction, gain, asymmetry] = self.deviation;
@@ -278,7 +288,8 @@ impl Found {
         (row.dot(&Vector::from(*changes)), variance.max(0.0))
     }
 
-    /// Sizes of the torques that come and go, of motors with the friction `coulomb`; `None`: there is none.
+    /// Sizes of the torques that come and go, of motors with the friction `coulomb`; `None`: there
+    /// is none.
     #[must_use]
     pub fn wander(&self, coulomb: [f64; 3]) -> Option<[f64; 3]> {
         let sizes = core::array::from_fn(|i| self.0[i].wander * coulomb[i]);

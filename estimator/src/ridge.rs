@@ -3,10 +3,12 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-/// Penalty per row on the standardised coefficients. It keeps nearly collinear regressors finite and biases by less than 1e-3.
+/// Penalty per row on the standardised coefficients. It keeps nearly collinear regressors finite
+/// and biases by less than 1e-3.
 const PENALTY: f64 = 1e-6;
-/// Deviation per mean below which a regressor counts as constant. A variance from sums has an error of some 1e-16 of the squared
-/// mean, so a constant seems to have a deviation of up to some 1e-8 of its value.
+/// Deviation per mean below which a regressor counts as constant. A variance from sums has an error
+/// of some 1e-16 of the squared mean, so a constant seems to have a deviation of up to some 1e-8 of
+/// its value.
 const CONSTANT: f64 = 1e-6;
 /// Rows that are multiplied at once.
 const BLOCK: usize = 512;
@@ -189,7 +191,8 @@ mod tests {
         assert_eq!(ridge.parameters(), 4);
     }
 
-    /// Sums of a constant leave a variance that is not quite zero. Taken for a spread, it correlates with anything.
+    /// Sums of a constant leave a variance that is not quite zero. Taken for a spread, it
+    /// correlates with anything.
     #[test]
     fn constants_are_told_from_their_rounding() {
         let constants = [0.743_145_3, 0.669_130_6, -0.497_260_9, 0.380_1, 17.3, 1e4];

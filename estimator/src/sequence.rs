@@ -1,4 +1,5 @@
-//! Rows of trials in the form in which models read them: dense, in SI units, split into unbroken pieces.
+//! Rows of trials in the form in which models read them: dense, in SI units, split into unbroken
+//! pieces.
 
 /// An unbroken stretch of one trial: rows at a constant rate without a gap.
 ///

@@ -1,7 +1,8 @@
 //! An estimator on a stream of rows: forces, how sure they are, and whether they can be used.
 //!
-//! Where a stream begins, and after a gap, the state of the friction is not known. Each estimate says so: its interval is wide, and it is
-//! marked invalid until the interval is no wider than those of a stream without breaks.
+//! Where a stream begins, and after a gap, the state of the friction is not known. Each estimate
+//! says so: its interval is wide, and it is marked invalid until the interval is no wider than
+//! those of a stream without breaks.
 
 use crate::estimator::Estimator;
 use crate::interval::Live;
@@ -13,13 +14,14 @@ use robot::random::Random;
 /// How sure a force is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sure {
-    /// Half width of the 90 % interval, N; of the length of the error vector where several components are estimated. `None`: the model
-    /// has no intervals.
+    /// Half width of the 90 % interval, N; of the length of the error vector where several
+    /// components are estimated. `None`: the model has no intervals.
     pub half_n: Option<f64>,
-    /// Whether the state of the friction is known. After a start or a gap it is not, until the motion has told it.
+    /// Whether the state of the friction is known. After a start or a gap it is not, until the
+    /// motion has told it.
     pub valid: bool,
-    /// Whether the motors' balances say that the model no longer fits this robot: see [`crate::misfit`]. Of a model with intervals and
-    /// balances.
+    /// Whether the motors' balances say that the model no longer fits this robot: see
+    /// [`crate::misfit`]. Of a model with intervals and balances.
     pub misfits: bool,
 }
 
@@ -179,7 +181,8 @@ impl Breaks {
         Self::sorted(breaks, rows)
     }
 
-    /// Breaks close to each other, for the calibration of intervals: 1 to 8 s of rows after each, starts and gaps in turn.
+    /// Breaks close to each other, for the calibration of intervals: 1 to 8 s of rows after each,
+    /// starts and gaps in turn.
     #[must_use]
     pub(crate) fn dense(rows: usize, step_s: f64, random: &mut Random) -> Self {
         let mut breaks = Vec::new();
@@ -227,7 +230,8 @@ impl Breaks {
         self.0.is_empty()
     }
 
-    /// The rows of a log that are there, in order, each with what is before it. The first one has `first` before it.
+    /// The rows of a log that are there, in order, each with what is before it. The first one has
+    /// `first` before it.
     pub fn rows(&self, rows: usize, step_s: f64, first: Before) -> Vec<(usize, Before)> {
         let mut out = Vec::with_capacity(rows);
         let mut next = self.0.iter().peekable();
@@ -252,7 +256,8 @@ impl Breaks {
     }
 }
 
-/// What is before the first row of a stretch that follows another one of the same log, or nothing does.
+/// What is before the first row of a stretch that follows another one of the same log, or nothing
+/// does.
 #[must_use]
 pub fn between(before: Option<&Sequence>, sequence: &Sequence) -> Before {
     let Some(last) = before.filter(|last| last.trial == sequence.trial) else {

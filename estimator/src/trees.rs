@@ -1,4 +1,5 @@
-//! Gradient-boosted trees (crate `forust-ml`), alone on features of the motion, or on what the physical model leaves.
+//! Gradient-boosted trees (crate `forust-ml`), alone on features of the motion, or on what the
+//! physical model leaves.
 
 use crate::model::{by_steps, Fit, Model, ModelError, Stepper};
 use crate::motion::{share_after, LowPass, Moment, LEVELS, LONGEST_GAP_S};
@@ -52,7 +53,8 @@ impl std::fmt::Debug for Forest {
 }
 
 impl Forest {
-    /// Grows trees. `columns` is column after column, `targets` a list of values for each component.
+    /// Grows trees. `columns` is column after column, `targets` a list of values for each
+    /// component.
     ///
     /// # Errors
     /// The data can't be used.
@@ -136,7 +138,8 @@ impl Forest {
 #[derive(Debug)]
 pub struct Boosted {
     physics: Physics,
-    /// Whether the trees correct the physical model. Otherwise they see the motion alone and give the whole force.
+    /// Whether the trees correct the physical model. Otherwise they see the motion alone and give
+    /// the whole force.
     correct: bool,
     forest: Forest,
 }
@@ -167,7 +170,8 @@ struct Features {
 pub(crate) const NO_BALANCE: &str =
     "this model has no torque balance to recalibrate: train `physics` or `hybrid`";
 
-/// Tip speed below which the estimate is averaged over a longer time, m/s. There the motors hardly slide, and a single row tells little.
+/// Tip speed below which the estimate is averaged over a longer time, m/s. There the motors hardly
+/// slide, and a single row tells little.
 const SLOW_M_PER_S: f64 = 0.003;
 /// Time constant of that average for a tip that stands, s.
 const STANDING_S: f64 = 1.0;

@@ -1,4 +1,5 @@
-//! A torque at a joint that comes and goes within minutes, as that of a tool's cable, told from the force on the tool.
+//! A torque at a joint that comes and goes within minutes, as that of a tool's cable, told from the
+//! force on the tool.
 //!
 //! What a balance lacks is what the force and that torque do together:
 //!
@@ -6,24 +7,28 @@
 //! balance = levers * force + torque + noise        each motor
 //! ```
 //!
-//! Force and torque are slow processes: each has a size and a rate, and goes back to its mean (Matérn, 3/2). A Kalman filter with both as
-//! states tells them apart by what the other motors say of the force, and by the force's size and rate in training. Where that is little,
-//! its covariance says how little: on such processes no estimator that has the same balances does better.
+//! Force and torque are slow processes: each has a size and a rate, and goes back to its mean
+//! (Matérn, 3/2). A Kalman filter with both as states tells them apart by what the other motors say
+//! of the force, and by the force's size and rate in training. Where that is little, its covariance
+//! says how little: on such processes no estimator that has the same balances does better.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// Force, its rate, torque, its rate; three of each.
 const STATES: usize = 12;
 const TORQUE: usize = 6;
-/// Time in which a tool's cable changes its torque by as much as its size, s: a sinusoid of five minutes (docs/robot.md) has this one.
+/// Time in which a tool's cable changes its torque by as much as its size, s: a sinusoid of five
+/// minutes (docs/robot.md) has this one.
 pub const TIME_S: f64 = 48.0;
-/// Time in which errors of a balance are alike here, s. Their means over 10 s are 0.4 to 0.7 of those over 2 s, those over 30 s another 0.5
-/// (virtual arm, seeds 11 to 13, trials that were not trained on).
+/// Time in which errors of a balance are alike here, s. Their means over 10 s are 0.4 to 0.7 of
+/// those over 2 s, those over 30 s another 0.5 (virtual arm, seeds 11 to 13, trials that were not
+/// trained on).
 pub const ALIKE_S: f64 = 6.0;
-/// Size of the errors that stay for a minute, per the noise of the balance: covers their means over 30 s (0.2 to 0.6, the same seeds).
+/// Size of the errors that stay for a minute, per the noise of the balance: covers their means over
+/// 30 s (0.2 to 0.6, the same seeds).
 const STAYS: f64 = 0.8;
-/// Standard deviation of what is told per that of the filter: neither the force nor the cable is such a process. The one with which 90 % were
-/// covered (the same seeds).
+/// Standard deviation of what is told per that of the filter: neither the force nor the cable is
+/// such a process. The one with which 90 % were covered (the same seeds).
 const WIDER: f64 = 1.5;
 
 type State = SVector<f64, STATES>;
@@ -57,8 +62,8 @@ fn transition(rates_per_s: [f64; 2], step_s: f64) -> Covariance {
 }
 
 impl Wander {
-    /// `force`: second moments of the force, N²; `rate_per_s`: its rate per its size, 1/s; `sizes`: standard deviations of the torques that
-    /// come and go; `noise`: those of the balances.
+    /// `force`: second moments of the force, N²; `rate_per_s`: its rate per its size, 1/s; `sizes`:
+    /// standard deviations of the torques that come and go; `noise`: those of the balances.
     #[must_use]
     pub fn new(
         force: &Matrix3<f64>,
@@ -154,7 +159,8 @@ impl Wander {
 mod tests {
     use super::*;
 
-    /// Errors of the torque at motor 1, and their standard deviations as told, over minutes of a force along y and a drag there.
+    /// Errors of the torque at motor 1, and their standard deviations as told, over minutes of a
+    /// force along y and a drag there.
     fn errors(third_lever: f64) -> Vec<(f64, f64)> {
         let force = Matrix3::from_diagonal(&Vector3::new(1e-4, 4.0, 1e-4));
         let mut filter = Wander::new(&force, 0.08, [0.0, 0.14, 0.0], [0.0; 3], 0.02);

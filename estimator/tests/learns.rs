@@ -139,7 +139,8 @@ fn intervals_cover_the_unseen_minute_and_are_wider_where_the_error_is_larger() {
         .map(|(e, w)| (e.abs(), *w))
         .collect();
     let covered = pairs.iter().filter(|(e, w)| e <= w).count() as f64 / pairs.len() as f64;
-    // One minute of one path: wide limits here, narrow ones on the long trials of docs/estimation.md.
+    // One minute of one path: wide limits here, narrow ones on the long trials of
+    // docs/estimation.md.
     assert!((0.70..=0.99).contains(&covered), "{covered}");
     let mean = |of: &dyn Fn(&(f64, f64)) -> bool| {
         let errors: Vec<f64> = pairs.iter().filter(|p| of(p)).map(|p| p.0).collect();
@@ -152,7 +153,8 @@ fn intervals_cover_the_unseen_minute_and_are_wider_where_the_error_is_larger() {
     assert!(wide > 1.2 * narrow, "narrow {narrow}, wide {wide}");
 }
 
-/// The physical model with intervals. Three minutes are too few for the shares of starts: seven more of the same arm.
+/// The physical model with intervals. Three minutes are too few for the shares of starts: seven
+/// more of the same arm.
 fn of_ten_minutes() -> Estimator {
     static TEXT: OnceLock<String> = OnceLock::new();
     let text = TEXT.get_or_init(|| {
@@ -214,7 +216,8 @@ fn after_starts_and_gaps_estimates_are_marked_or_as_sure_as_they_say() {
         let late: Vec<Streamed> = rows.iter().copied().filter(|r| r.0 >= 5.0).collect();
         let (valid, invalid): (Vec<Streamed>, Vec<Streamed>) =
             early.iter().copied().partition(|r| r.3);
-        // Ten minutes of training: wide limits here, narrow ones on the long trials of docs/estimation.md.
+        // Ten minutes of training: wide limits here, narrow ones on the long trials of
+        // docs/estimation.md.
         for rows in [&early, &valid, &late] {
             let covered = covered(rows);
             assert!(
@@ -267,7 +270,8 @@ fn a_gap_costs_less_than_a_start() {
     assert!(gap < start, "{gap} {start}");
 }
 
-/// Mean absolute error of valid rows, N, the share that is covered, and the first row at which the model does not fit.
+/// Mean absolute error of valid rows, N, the share that is covered, and the first row at which the
+/// model does not fit.
 fn on(estimator: &Estimator, sequence: &Sequence) -> (f64, f64, Option<usize>) {
     let mut stream = Stream::new(estimator);
     let (mut error_n, mut rows, mut covered, mut misfits) = (0.0, 0.0, 0.0, None);

@@ -1,4 +1,5 @@
-//! Networks learn what a line can't, give the same forces in every form, and refuse what they can't use.
+//! Networks learn what a line can't, give the same forces in every form, and refuse what they can't
+//! use.
 #![cfg(feature = "networks")]
 
 use estimator::{
@@ -18,8 +19,8 @@ const KINDS: [Kind; 5] = [
     Kind::CarriedGru,
 ];
 
-/// Two inputs that wander, and a force that no linear model of the current row gives: 3 N times their product, and 2 N by the
-/// side on which the first last left +-0.5 (a relay, so with memory).
+/// Two inputs that wander, and a force that no linear model of the current row gives: 3 N times
+/// their product, and 2 N by the side on which the first last left +-0.5 (a relay, so with memory).
 fn sequence(trial: usize, rows: usize) -> Sequence {
     let mut random = ChaCha8Rng::seed_from_u64(trial as u64);
     let waves: Vec<[f64; 4]> = (0..2)
@@ -143,7 +144,8 @@ fn linear_mae(sequence: &Sequence) -> f64 {
     mae(&line, &sequence.target)
 }
 
-/// On a trial that it has not seen, each network has at most this share of the error of the best line.
+/// On a trial that it has not seen, each network has at most this share of the error of the best
+/// line.
 #[test]
 fn a_network_beats_a_line() {
     let unseen = sequence(6, 2000);
@@ -201,7 +203,8 @@ fn steps_are_predictions() {
     }
 }
 
-/// The carried network's plain steps against the batch form in which it was trained, through a window of training.
+/// The carried network's plain steps against the batch form in which it was trained, through a
+/// window of training.
 #[test]
 fn carried_steps_are_the_windowed_network_of_the_same_weights() {
     let unseen = sequence(6, 12);
@@ -475,7 +478,8 @@ fn progress_goes_up_to_one() {
     );
 }
 
-/// Table 4.1 of the thesis against Keras's count. The perceptron's and the LSTM's fit some number of inputs; the GRU's none.
+/// Table 4.1 of the thesis against Keras's count. The perceptron's and the LSTM's fit some number
+/// of inputs; the GRU's none.
 #[test]
 fn parameters_are_counted_as_keras_counts_them() {
     let count = |kind, inputs: usize, targets: usize| {

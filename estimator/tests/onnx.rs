@@ -1,7 +1,7 @@
 //! The ONNX files give in `onnxruntime` what the networks give here, to 1e-5 N.
 //!
-//! Needs Python with `onnxruntime` and `numpy`: that of `FORCE_PYTHON`, else `python3`. Without them the test says so and
-//! checks nothing.
+//! Needs Python with `onnxruntime` and `numpy`: that of `FORCE_PYTHON`, else `python3`. Without
+//! them the test says so and checks nothing.
 #![cfg(feature = "networks")]
 
 use std::{
@@ -15,7 +15,8 @@ use estimator::{
     sequence::Sequence,
 };
 
-/// Reads `model.onnx`, `input.f32`; prints the forces of all rows, and of a carried network also those of single steps.
+/// Reads `model.onnx`, `input.f32`; prints the forces of all rows, and of a carried network also
+/// those of single steps.
 const SCRIPT: &str = "
 import sys, numpy, onnxruntime
 folder, window, inputs = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])

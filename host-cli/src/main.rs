@@ -6,8 +6,8 @@
 
 mod cli;
 
-/// In the residual analysis columns come and go by the thousand; the system's allocator gives their memory back each
-/// time.
+/// In the residual analysis columns come and go by the thousand; the system's allocator gives their
+/// memory back each time.
 #[cfg(feature = "residual")]
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;

@@ -1,4 +1,5 @@
-//! `forcectl bring-up` on the rig without an emulated controller, and what its record does to commands that drive.
+//! `forcectl bring-up` on the rig without an emulated controller, and what its record does to
+//! commands that drive.
 
 mod common;
 
@@ -189,7 +190,8 @@ fn walk(folder: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-/// The load cells agree with a wrong geometry; the cables' lengths do not, and `verify` says what is wrong.
+/// The load cells agree with a wrong geometry; the cables' lengths do not, and `verify` says what
+/// is wrong.
 #[test]
 fn a_wrong_geometry_is_named_by_verify() {
     let folder = folder();

@@ -1,5 +1,5 @@
-//! The guide docs/calibration.md: every command of the page, in its order, on the rig without the emulated controller; and what
-//! a session by hand does when it is broken off.
+//! The guide docs/calibration.md: every command of the page, in its order, on the rig without the
+//! emulated controller; and what a session by hand does when it is broken off.
 //!
 //! `<!-- test: code 6 -->` before a block of code says its exit code.
 
@@ -174,7 +174,8 @@ fn the_procedure_of_iso_376_finds_what_the_cells_do() {
         }
         let creep = share * ((-30.0 / tau_s).exp() - (-300.0 / tau_s).exp());
         assert!((found("creep") / creep - 1.0).abs() < 0.25, "{iso}");
-        // The class is that of the true parameters: of the loop at half of the load, and weights of class M2.
+        // The class is that of the true parameters: of the loop at half of the load, and weights of
+        // class M2.
         let wanted = Class::ALL.into_iter().find(|class| {
             let limits = class.limits();
             spread <= limits.reproducibility

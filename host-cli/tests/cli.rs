@@ -61,8 +61,9 @@ fn rig_files(folder: &Path) {
     std::fs::write(folder.join("bad.toml"), bad).expect("written");
 }
 
-/// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
-/// every command. `{OLD}`: those of a rig that exists; `{NEW}`: those of a new one as well.
+/// A minimal call of each command that is not refused for its arguments, and the options that it
+/// has beside those of every command. `{OLD}`: those of a rig that exists; `{NEW}`: those of a new
+/// one as well.
 const COMMANDS: [(&str, &str); 26] = [
     (
         "set-force 0 1 0",

@@ -6,8 +6,8 @@ mod common;
 use common::{expect, run};
 use serde_json::Value;
 
-/// The six forces of a rig share its errors: means of the run held in 95.3, 95.3, 95.3 and 99.3 % of
-/// the cases on four sets of 25 rigs. So many rigs together tell 93 from 97 %.
+/// The six forces of a rig share its errors: means of the run held in 95.3, 95.3, 95.3 and 99.3 %
+/// of the cases on four sets of 25 rigs. So many rigs together tell 93 from 97 %.
 const RIGS: u64 = 100;
 
 /// Whether the means of the runs lay within their radius, and the parts of the instants and of the

@@ -1,4 +1,5 @@
-//! `forcectl estimate` as a program: what a model's card decides, logs that lack columns, the report from end to end.
+//! `forcectl estimate` as a program: what a model's card decides, logs that lack columns, the
+//! report from end to end.
 
 #![cfg(feature = "estimate")]
 
@@ -10,7 +11,8 @@ use robot::kinematics::{forward, to_crtk};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// A log of `seconds` at 50 Hz: a moving arm with a force along y, of which the efforts tell a part. `but`: columns that it lacks.
+/// A log of `seconds` at 50 Hz: a moving arm with a force along y, of which the efforts tell a
+/// part. `but`: columns that it lacks.
 fn log(folder: &Path, trial: u32, seconds: u32, force_n: f64, but: &[&str]) {
     std::fs::create_dir_all(folder).unwrap();
     let mut columns: Vec<(&str, Vec<f64>)> = Vec::new();

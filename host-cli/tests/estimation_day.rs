@@ -1,4 +1,5 @@
-//! The tutorial docs/estimation-day.md: every command of the page, in its order, and the figures that the page says they print.
+//! The tutorial docs/estimation-day.md: every command of the page, in its order, and the figures
+//! that the page says they print.
 
 #![cfg(feature = "estimate")]
 
@@ -16,8 +17,9 @@ fn text() -> String {
     std::fs::read_to_string(Path::new(DOCS).join("estimation-day.md")).expect("the page is there")
 }
 
-/// Part of a figure by which it may differ from the page. On one computer the figures are the same in each run; another one has
-/// another sine in the last bit, and friction at a reversal makes more of it.
+/// Part of a figure by which it may differ from the page. On one computer the figures are the same
+/// in each run; another one has another sine in the last bit, and friction at a reversal makes more
+/// of it.
 const PART: f64 = 0.03;
 
 /// Whether two words are the same, or the same number but for what another computer does to it.

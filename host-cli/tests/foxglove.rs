@@ -1,8 +1,9 @@
-//! What Foxglove gets, read by a program that is neither ours nor the app: `foxglove_reader.py` with PyPI's `mcap`, `websockets`
-//! and `jsonschema`.
+//! What Foxglove gets, read by a program that is neither ours nor the app: `foxglove_reader.py`
+//! with PyPI's `mcap`, `websockets` and `jsonschema`.
 //!
-//! `cargo test -p host-cli --test foxglove`, with the environment variable FOXGLOVE_TEST_PYTHON naming a Python that has the three
-//! packages (`python3` where it is not set). Without them the tests say so and do nothing.
+//! `cargo test -p host-cli --test foxglove`, with the environment variable FOXGLOVE_TEST_PYTHON
+//! naming a Python that has the three packages (`python3` where it is not set). Without them the
+//! tests say so and do nothing.
 #![cfg(feature = "foxglove")]
 
 mod common;

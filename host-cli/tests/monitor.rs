@@ -1,5 +1,5 @@
-//! `forcectl monitor` on a pseudo-terminal, with a service made of canned lines behind it: how it ends, and that the terminal
-//! is given back.
+//! `forcectl monitor` on a pseudo-terminal, with a service made of canned lines behind it: how it
+//! ends, and that the terminal is given back.
 
 #![cfg(unix)]
 
@@ -58,7 +58,8 @@ fn service(folder: &std::path::Path) -> Arc<Mutex<Vec<String>>> {
     calls
 }
 
-/// Sends a line in one write: a value writes itself piece by piece, and two threads write to a client.
+/// Sends a line in one write: a value writes itself piece by piece, and two threads write to a
+/// client.
 fn send(out: &mut impl Write, line: &Value) -> bool {
     out.write_all(format!("{line}\n").as_bytes()).is_ok()
 }

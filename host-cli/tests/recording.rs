@@ -32,7 +32,8 @@ fn read(path: &Path) -> (u64, End) {
     (samples as u64, reader.end().clone())
 }
 
-/// Python with these modules: that of `FORCE_PYTHON`, else `python3`. Where one is missing, the test says so and does nothing.
+/// Python with these modules: that of `FORCE_PYTHON`, else `python3`. Where one is missing, the
+/// test says so and does nothing.
 fn python(modules: &str) -> Option<PathBuf> {
     let python = std::env::var_os("FORCE_PYTHON").map_or_else(|| "python3".into(), PathBuf::from);
     let found = Command::new(&python)
@@ -104,7 +105,8 @@ print(samples)
     expect(folder.path(), again, 7, &["another folder"]);
 }
 
-/// `recording export --mcap` of a file without an end, and readers that begin with the index at the end.
+/// `recording export --mcap` of a file without an end, and readers that begin with the index at the
+/// end.
 fn a_copy_is_read_by_those_who_refuse_the_file(
     folder: &Path,
     mcap: &Path,
@@ -137,7 +139,8 @@ except Exception as error:
             let output = output.expect("python runs");
             String::from_utf8_lossy(&output.stdout).trim().to_owned()
         };
-        // What it takes for the end is the middle of a record: which error that is depends on its bytes.
+        // What it takes for the end is the middle of a record: which error that is depends on its
+        // bytes.
         let refused = said(mcap);
         assert!(
             refused.starts_with("refused: "),
@@ -195,7 +198,8 @@ fn a_full_disk_ends_neither_the_run_nor_what_was_recorded() {
     assert!(folder.path().join("later/samples.parquet").is_file());
 }
 
-/// A number of a message with its name, as PlotJuggler names it: `/` before a key, `[n]` behind a list.
+/// A number of a message with its name, as PlotJuggler names it: `/` before a key, `[n]` behind a
+/// list.
 fn flatten(name: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) {
     match value {
         serde_json::Value::Object(fields) => {
@@ -217,7 +221,8 @@ fn flatten(name: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) 
     }
 }
 
-/// The rules by which PlotJuggler 3 reads MCAP and Parquet, from its sources: it is in neither Debian nor PyPI.
+/// The rules by which PlotJuggler 3 reads MCAP and Parquet, from its sources: it is in neither
+/// Debian nor PyPI.
 #[test]
 fn a_recording_by_plotjugglers_rules_has_a_curve_a_unit_and_all_of_the_layout() {
     use std::collections::BTreeMap;
@@ -234,8 +239,8 @@ fn a_recording_by_plotjugglers_rules_has_a_curve_a_unit_and_all_of_the_layout() 
         .expect("reads")
         .expect("is there");
     assert!(summary.stats.is_some());
-    // A parser by the encoding of the channel: JSON is known. The time is that of the log; a stamp in the message counts
-    // only where it is a number.
+    // A parser by the encoding of the channel: JSON is known. The time is that of the log; a stamp
+    // in the message counts only where it is a number.
     let mut curves: BTreeMap<String, Vec<(u64, f64)>> = BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).expect("opens") {
         let message = message.expect("is whole");

@@ -1,5 +1,5 @@
-//! `forcectl residual`: arguments, exit codes, where reports go, and what `--apply` does with a rig file.
-//! What the analysis makes of bad logs is tested where it lives, in `residual/tests`.
+//! `forcectl residual`: arguments, exit codes, where reports go, and what `--apply` does with a rig
+//! file. What the analysis makes of bad logs is tested where it lives, in `residual/tests`.
 #![cfg(feature = "residual")]
 
 mod common;
@@ -336,7 +336,8 @@ fn check_data_are_evaluated_and_must_exist() {
     );
 }
 
-/// The model file for recordings fits what forcectl records, and finds the friction of the cables there.
+/// The model file for recordings fits what forcectl records, and finds the friction of the cables
+/// there.
 #[cfg(feature = "record")]
 #[test]
 fn a_recording_is_analysed_with_the_model_file_that_init_writes() {

@@ -1,7 +1,8 @@
 //! An experiment whose robot is a ROS 1 node, with Debian's rosmaster, rospy and rosbag beside it.
 //!
-//! `cargo test -p host-cli --features ros1 --test ros1`. Where the tools are not installed the tests say so and do nothing.
-//! The board is the fast rig at the pace of real time; the robot is a script below.
+//! `cargo test -p host-cli --features ros1 --test ros1`. Where the tools are not installed the
+//! tests say so and do nothing. The board is the fast rig at the pace of real time; the robot is a
+//! script below.
 #![cfg(feature = "ros1")]
 
 use experiment::{self, Experiment, Options, Status, Summary};

@@ -74,7 +74,8 @@ impl Report {
     }
 }
 
-/// A table in memory: its name, columns of numbers, columns of times in s with their type, columns of text with a cell.
+/// A table in memory: its name, columns of numbers, columns of times in s with their type, columns
+/// of text with a cell.
 type Columns = (
     String,
     NamedBytes,

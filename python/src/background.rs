@@ -22,8 +22,8 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Ends the work where Ctrl-C was pressed: unwinds to [`run`]. The crates have no way to stop an analysis or a training, and
-    /// call this at each step of their progress.
+    /// Ends the work where Ctrl-C was pressed: unwinds to [`run`]. The crates have no way to stop
+    /// an analysis or a training, and call this at each step of their progress.
     pub fn check(&self) {
         go_on(&self.stop);
     }
@@ -55,8 +55,8 @@ impl residual::Progress for &Watch {
     }
 }
 
-/// Runs `work`, and calls `progress` with each line that it tells. Ctrl-C, and an exception of `progress`, end the work at its
-/// next step.
+/// Runs `work`, and calls `progress` with each line that it tells. Ctrl-C, and an exception of
+/// `progress`, end the work at its next step.
 ///
 /// # Errors
 /// That exception; `RuntimeError` where the work panicked, which is a fault of the crate.

@@ -322,7 +322,8 @@ enum Ask {
 /// Force of a row, N, and how sure it is.
 type Answer = (Vec<f32>, Sure);
 
-/// A model that runs row by row. Its state borrows the model, so both live on a thread of their own.
+/// A model that runs row by row. Its state borrows the model, so both live on a thread of their
+/// own.
 #[pyclass(frozen, module = "forcerig._native")]
 pub struct Stream {
     line: Mutex<(Sender<Ask>, Receiver<Answer>)>,
@@ -383,8 +384,8 @@ fn ended() -> PyErr {
 
 #[pymethods]
 impl Stream {
-    /// Takes a row of nine inputs; gives the force, the half width of its interval, whether it can be used, whether the model
-    /// misfits the robot.
+    /// Takes a row of nine inputs; gives the force, the half width of its interval, whether it can
+    /// be used, whether the model misfits the robot.
     fn step(&self, py: Python<'_>, inputs: &[u8]) -> PyResult<(Vec<f32>, Option<f64>, bool, bool)> {
         let mut row: Vec<f32> = floats(inputs).iter().map(|input| *input as f32).collect();
         if row.len() != INPUTS {

@@ -1,8 +1,10 @@
-//! What Python calls of the force rig's crates. `python/forcerig/` is the package that people use: it checks shapes and gives
-//! results their form; this module converts, and calls the crates that forcectl calls.
+//! What Python calls of the force rig's crates. `python/forcerig/` is the package that people use:
+//! it checks shapes and gives results their form; this module converts, and calls the crates that
+//! forcectl calls.
 //!
-//! Arrays come and go as bytes of 64-bit floats, results with many figures as JSON text. Work that takes long runs without
-//! the interpreter's lock (`background`). What the crates refuse is the exception `Refused` with their words.
+//! Arrays come and go as bytes of 64-bit floats, results with many figures as JSON text. Work that
+//! takes long runs without the interpreter's lock (`background`). What the crates refuse is the
+//! exception `Refused` with their words.
 
 mod analysis;
 mod background;

@@ -1,4 +1,5 @@
-//! Prints the ranges from which a virtual arm is drawn, as the table of docs/robot.md, or with a seed one arm's own figures.
+//! Prints the ranges from which a virtual arm is drawn, as the table of docs/robot.md, or with a
+//! seed one arm's own figures.
 //!
 //! `cargo run -p robot --example parameters [SEED]`
 

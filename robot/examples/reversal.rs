@@ -1,6 +1,7 @@
-//! Draws one joint that moves, stands and turns round while a force pulls at the tip: the command torque follows the contact
-//! force while the joint moves and not while it stands. Writes `dead-zone.svg` to the folder given (default: the current one)
-//! and prints how much of the force the torque shows.
+//! Draws one joint that moves, stands and turns round while a force pulls at the tip: the command
+//! torque follows the contact force while the joint moves and not while it stands. Writes
+//! `dead-zone.svg` to the folder given (default: the current one) and prints how much of the force
+//! the torque shows.
 //!
 //! `cargo run -p robot --example reversal -- docs/images [SEED]`
 
@@ -79,9 +80,11 @@ fn smooth(rows: &mut [Row]) {
     }
 }
 
-/// Least squares of the command's change against the contact torque with a quadratic drift taken out: the share that shows.
+/// Least squares of the command's change against the contact torque with a quadratic drift taken
+/// out: the share that shows.
 fn share(rows: &[Row]) -> f64 {
-    // The command works against the contact: a sine at the contact's period, by correlation over whole periods.
+    // The command works against the contact: a sine at the contact's period, by correlation over
+    // whole periods.
     let periods = ((rows[rows.len() - 1].t_s - rows[0].t_s) / CONTACT.1).floor();
     let end = rows[0].t_s + periods * CONTACT.1;
     let used: Vec<&Row> = rows.iter().filter(|row| row.t_s < end).collect();

@@ -1,11 +1,14 @@
-//! CRTK topics (collaborative-robotics/documentation, api-robot-motion, api-operating-state) and how they become states.
+//! CRTK topics (collaborative-robotics/documentation, api-robot-motion, api-operating-state) and
+//! how they become states.
 //!
-//! A robot publishes `measured_js`, `measured_cp`, `measured_cv`, `measured_cf`, `setpoint_js` and `operating_state` below its
-//! namespace. [`Adapter`] joins them: each `measured_js` makes a state, with the newest of the others whose stamp is near
-//! enough; where a robot has no joints, each `measured_cp` does.
+//! A robot publishes `measured_js`, `measured_cp`, `measured_cv`, `measured_cf`, `setpoint_js` and
+//! `operating_state` below its namespace. [`Adapter`] joins them: each `measured_js` makes a state,
+//! with the newest of the others whose stamp is near enough; where a robot has no joints, each
+//! `measured_cp` does.
 //!
-//! CRTK leaves open whether a force acts on or by the tool, and frames go by namespace. Both are declared here by the
-//! configuration ([`AdapterConfig`]) and travel with every state. What differs on real robots, each with a test:
+//! CRTK leaves open whether a force acts on or by the tool, and frames go by namespace. Both are
+//! declared here by the configuration ([`AdapterConfig`]) and travel with every state. What differs
+//! on real robots, each with a test:
 //!
 //! | robot | trap | what the adapter does |
 //! | --- | --- | --- |
@@ -115,7 +118,8 @@ impl Robot {
     }
 }
 
-/// Names of the robot's topics, where they are not the usual ones: below its namespace, or whole if they begin with `/`.
+/// Names of the robot's topics, where they are not the usual ones: below its namespace, or whole if
+/// they begin with `/`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TopicNames {
@@ -146,7 +150,8 @@ pub struct Topics {
 }
 
 impl TopicNames {
-    /// The whole names: joints and operating state are below `namespace`, the tip's topics below `cp_namespace`.
+    /// The whole names: joints and operating state are below `namespace`, the tip's topics below
+    /// `cp_namespace`.
     #[must_use]
     pub fn whole(&self, robot: Robot, namespace: &str, cp_namespace: &str) -> Topics {
         let name = |space: &str, given: &Option<String>, usual: &str| {
@@ -168,7 +173,8 @@ impl TopicNames {
     }
 }
 
-/// Frame of a force by the name of its topic: CRTK's namespace `body` is that of the tool, all others are told by `frame`.
+/// Frame of a force by the name of its topic: CRTK's namespace `body` is that of the tool, all
+/// others are told by `frame`.
 #[must_use]
 pub fn frame_of_force(topic: &str, frame: &Frame) -> Frame {
     if topic.split('/').any(|part| part == "body") {
@@ -279,7 +285,8 @@ impl Adapter {
     /// Takes a message; a state where it completes one.
     ///
     /// # Errors
-    /// The message is invalid, and is not used. [`StateError::Optional`]: states are made without it.
+    /// The message is invalid, and is not used. [`StateError::Optional`]: states are made without
+    /// it.
     pub fn take(
         &mut self,
         publisher: &Arc<str>,
@@ -455,8 +462,8 @@ fn some(list: &[f64]) -> Option<Vec<f64>> {
     (!list.is_empty()).then(|| list.to_vec())
 }
 
-/// Namespaces of a Raven's gold (left) arm by what is read: (`measured_js`, `measured_cp`). `gold_board` is the place of gold's
-/// USB board in the software's list, 0 or 1.
+/// Namespaces of a Raven's gold (left) arm by what is read: (`measured_js`, `measured_cp`).
+/// `gold_board` is the place of gold's USB board in the software's list, 0 or 1.
 #[must_use]
 pub const fn raven_topics(gold_board: u8) -> (&'static str, &'static str) {
     let cp = if gold_board == 0 { "/arm2" } else { "/arm1" };
@@ -469,8 +476,8 @@ pub const fn raven_setpoint_frame() -> Frame {
     Frame::Raven0
 }
 
-/// `force_applied` of the Raven's force_control branch: a command in the position field of a JointState; `None` where it has
-/// not three components.
+/// `force_applied` of the Raven's force_control branch: a command in the position field of a
+/// JointState; `None` where it has not three components.
 #[must_use]
 pub fn force_applied(joints: &Joints, frame: Frame) -> Option<TipForce> {
     let force_n: [f64; 3] = joints.position.as_slice().try_into().ok()?;

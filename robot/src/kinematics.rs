@@ -1,11 +1,13 @@
-//! Kinematics of the Raven-II's left (gold) arm: forward, inverse, Jacobian, limits, coupling of the motors.
+//! Kinematics of the Raven-II's left (gold) arm: forward, inverse, Jacobian, limits, coupling of
+//! the motors.
 //!
-//! Modified Denavit-Hartenberg: `T_i = Rx(alpha_(i-1)) Tx(a_(i-1)) Rz(theta_i) Tz(d_i)`. Frame 0 stands at the remote centre
-//! of motion, gravity along its -x. Joints 1, 2 (shoulder, elbow) in rad, joint 3 (insertion) in m; roll, wrist and the
-//! jaws' mean in rad. Source of all figures: uw-biorobotics/raven2, `r2_kinematics`, `defines.h`, `tools.cpp`.
+//! Modified Denavit-Hartenberg: `T_i = Rx(alpha_(i-1)) Tx(a_(i-1)) Rz(theta_i) Tz(d_i)`. Frame 0
+//! stands at the remote centre of motion, gravity along its -x. Joints 1, 2 (shoulder, elbow) in
+//! rad, joint 3 (insertion) in m; roll, wrist and the jaws' mean in rad. Source of all figures:
+//! uw-biorobotics/raven2, `r2_kinematics`, `defines.h`, `tools.cpp`.
 //!
-//! Two frames are in use. *Frame 0* is that of the kinematics and of `ravenstate`; the *CRTK frame* is what the arm's CRTK
-//! topics report: `x = -y0, y = -z0, z = x0`, gravity along -z.
+//! Two frames are in use. *Frame 0* is that of the kinematics and of `ravenstate`; the *CRTK frame*
+//! is what the arm's CRTK topics report: `x = -y0, y = -z0, z = x0`, gravity along -z.
 
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -146,8 +148,8 @@ pub fn forward(q: &Joints) -> TipPose {
     frames(q)[5]
 }
 
-/// Geometric Jacobian of the tip in frame 0: rows 0 to 2 its velocity in m/s, rows 3 to 5 its angular velocity in rad/s, one
-/// column for each joint.
+/// Geometric Jacobian of the tip in frame 0: rows 0 to 2 its velocity in m/s, rows 3 to 5 its
+/// angular velocity in rad/s, one column for each joint.
 #[must_use]
 pub fn jacobian(q: &Joints) -> Matrix6<f64> {
     let frames = frames(q);
@@ -202,8 +204,8 @@ pub enum InverseError {
     },
 }
 
-/// The first three joints that bring the tip to `position_m` (frame 0), with roll, wrist and jaws as given. The solution within
-/// the joint limits is taken.
+/// The first three joints that bring the tip to `position_m` (frame 0), with roll, wrist and jaws
+/// as given. The solution within the joint limits is taken.
 ///
 /// # Errors
 /// [`InverseError`]: no joints reach it, or none within their limits.
@@ -231,7 +233,8 @@ pub fn inverse(position_m: Vector3<f64>, tool: [f64; 3]) -> Result<[f64; 3], Inv
     Err(best.map_or(direction, |(_, limit)| limit))
 }
 
-/// The joint that is furthest past its limits, by more than rounding, with the excess as a part of its range.
+/// The joint that is furthest past its limits, by more than rounding, with the excess as a part of
+/// its range.
 fn past_limits(q: [f64; 3]) -> Option<(f64, InverseError)> {
     const SLACK: f64 = 1e-9;
     let past = |i: usize| {
@@ -248,8 +251,9 @@ fn past_limits(q: [f64; 3]) -> Option<(f64, InverseError)> {
     (0..3).filter_map(past).max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// Exact solution for a straight tool: the tip is on the insertion axis then, at 0.483 m - q3 beyond the remote centre.
-/// `side` is -1 for a tool that is drawn back past the centre; `sign` chooses between the elbow's two angles.
+/// Exact solution for a straight tool: the tip is on the insertion axis then, at 0.483 m - q3
+/// beyond the remote centre. `side` is -1 for a tool that is drawn back past the centre; `sign`
+/// chooses between the elbow's two angles.
 fn straight(position_m: Vector3<f64>, side: f64, sign: f64) -> Option<[f64; 3]> {
     let reach = position_m.norm();
     if reach < 1e-6 {

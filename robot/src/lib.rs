@@ -1,4 +1,5 @@
-//! The robot beside the force rig: a virtual Raven-II arm, trajectories, messages and sources of robot state.
+//! The robot beside the force rig: a virtual Raven-II arm, trajectories, messages and sources of
+//! robot state.
 //!
 //! | question | module |
 //! | --- | --- |
@@ -11,8 +12,8 @@
 //! | where do states come from | [`source`] |
 //! | an arm that anyone can run | `arm` (feature `arm`) |
 //!
-//! An estimator depends on this package without the feature `arm`: it sees what a robot publishes and can't name the
-//! truth. docs/robot.md tells how the arm is modelled.
+//! An estimator depends on this package without the feature `arm`: it sees what a robot publishes
+//! and can't name the truth. docs/robot.md tells how the arm is modelled.
 
 #![forbid(unsafe_code)]
 

@@ -1,19 +1,21 @@
 //! How fast the tip moves, from poses that have noise, steps and delays.
 //!
-//! Each coordinate has a Kalman filter of its own for position, speed and acceleration, driven by white jerk
-//! ([`JERK_POWER`]). The noise of the poses is not configured: third differences of poses at a regular rate are nearly
-//! all noise. How well the filter predicts the next pose is part of the uncertainty that it tells, so that a robot that
-//! moves in another way than the filter expects is noticed.
+//! Each coordinate has a Kalman filter of its own for position, speed and acceleration, driven by
+//! white jerk ([`JERK_POWER`]). The noise of the poses is not configured: third differences of
+//! poses at a regular rate are nearly all noise. How well the filter predicts the next pose is part
+//! of the uncertainty that it tells, so that a robot that moves in another way than the filter
+//! expects is noticed.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Smallest and largest power of the jerk, m^2/s^5. The smallest is that of the rig's slow motions (12 mm/s); it filters the
-/// noise of the poses best. From there the power rises while the poses are further from the predictions than they should be.
-/// Found with control's example `tension_loop`.
+/// Smallest and largest power of the jerk, m^2/s^5. The smallest is that of the rig's slow motions
+/// (12 mm/s); it filters the noise of the poses best. From there the power rises while the poses
+/// are further from the predictions than they should be. Found with control's example
+/// `tension_loop`.
 const JERK_POWER: (f64, f64) = (2e-5, 2e-4);
 
-/// Misfit above which the power of the jerk rises. A filter that fits has 1; at 1.3 the start of a motion made the
-/// filter too fast for seconds.
+/// Misfit above which the power of the jerk rises. A filter that fits has 1; at 1.3 the start of a
+/// motion made the filter too fast for seconds.
 const MOST_MISFIT: f64 = 4.0;
 
 /// Time over which the noise of the poses and the quality of the predictions are averaged, s.
@@ -25,7 +27,8 @@ const LONGEST_GAP_S: f64 = 0.1;
 /// Poses that it takes until their noise is known, to a quarter of it.
 const FIRST_POSES: u32 = 50;
 
-/// Smallest noise of a pose that is believed, m: 0.1 um, below the steps of any robot's encoders at its tip.
+/// Smallest noise of a pose that is believed, m: 0.1 um, below the steps of any robot's encoders at
+/// its tip.
 const LEAST_NOISE_M: f64 = 1e-7;
 
 /// The tip's speed.
@@ -79,7 +82,8 @@ impl Axis {
         (f * self.state, covariance)
     }
 
-    /// Takes a pose, the `count`th; the square of its distance from the prediction over the one to be expected.
+    /// Takes a pose, the `count`th; the square of its distance from the prediction over the one to
+    /// be expected.
     fn see(&mut self, position_m: f64, dt_s: f64, count: u32, jerk: f64) -> f64 {
         self.poses.rotate_left(1);
         self.poses[3] = position_m;
@@ -116,7 +120,8 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Takes the pose of the time `at_s` on the caller's clock. One that is not newer than the last changes nothing.
+    /// Takes the pose of the time `at_s` on the caller's clock. One that is not newer than the last
+    /// changes nothing.
     pub fn see(&mut self, at_s: f64, position_m: Vector3<f64>) {
         let dt_s = at_s - self.at_s;
         let usable = at_s.is_finite() && position_m.iter().all(|x| x.is_finite());
@@ -149,8 +154,8 @@ impl Motion {
         }
     }
 
-    /// The speed at a time not before the newest pose; `None` before the noise of the poses is known, and where the newest one
-    /// is too old for a prediction.
+    /// The speed at a time not before the newest pose; `None` before the noise of the poses is
+    /// known, and where the newest one is too old for a prediction.
     #[must_use]
     pub fn velocity_at(&self, t_s: f64) -> Option<Velocity> {
         let ahead_s = t_s - self.at_s;
@@ -172,7 +177,8 @@ mod tests {
     use rand::{RngExt as _, SeedableRng as _};
     use rand_chacha::ChaCha8Rng;
 
-    /// Mean error of the speed of a tip that swings by 15 mm in 5 s, and the mean of what was told for it, m/s.
+    /// Mean error of the speed of a tip that swings by 15 mm in 5 s, and the mean of what was told
+    /// for it, m/s.
     fn errors(noise_m: f64, period_s: f64, ahead_s: f64) -> (f64, f64) {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let mut motion = Motion::default();

@@ -1,7 +1,8 @@
-//! Random numbers from a seed: one stream for each use, so that a new draw somewhere leaves all others as they were.
+//! Random numbers from a seed: one stream for each use, so that a new draw somewhere leaves all
+//! others as they were.
 //!
-//! ChaCha8 has a defined output (`rand_chacha` promises value stability), so a seed means the same robot and the same path
-//! on every machine and with every version of this crate.
+//! ChaCha8 has a defined output (`rand_chacha` promises value stability), so a seed means the same
+//! robot and the same path on every machine and with every version of this crate.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

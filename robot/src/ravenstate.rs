@@ -1,7 +1,8 @@
-//! The Raven's own message `ravenstate` (`raven_2/raven_state`, ROS 1, 1 kHz), and what is true of it.
+//! The Raven's own message `ravenstate` (`raven_2/raven_state`, ROS 1, 1 kHz), and what is true of
+//! it.
 //!
-//! Source: uw-biorobotics/raven2 @d2307c5 (`msg/raven_state.msg`, `local_io.cpp`, `init.cpp`, `r2_kinematics.cpp`). Its traps,
-//! all handled by [`Adapter`], each held by a test:
+//! Source: uw-biorobotics/raven2 @d2307c5 (`msg/raven_state.msg`, `local_io.cpp`, `init.cpp`,
+//! `r2_kinematics.cpp`). Its traps, all handled by [`Adapter`], each held by a test:
 //!
 //! | trap | what the adapter does |
 //! | --- | --- |
@@ -27,8 +28,8 @@ use std::sync::Arc;
 /// Degrees in a radian, the factor of the message's degree fields.
 pub const DEGREES: f64 = 57.295_779_513_082_32;
 
-/// DAC codes per ampere of the high-current amplifiers (joints 1 to 3): 32,768 codes are 12 A. With it the published torques
-/// per code come out (3.01 mN·m, 2.68 mN·m, 47.7 mN).
+/// DAC codes per ampere of the high-current amplifiers (joints 1 to 3): 32,768 codes are 12 A. With
+/// it the published torques per code come out (3.01 mN·m, 2.68 mN·m, 47.7 mN).
 pub const CODES_PER_A: f64 = 32_768.0 / 12.0;
 /// Torque constant of the RE40 of joints 1 to 3, N·m/A.
 pub const TORQUE_CONSTANT: f64 = 0.0603;
@@ -38,7 +39,8 @@ pub const GEAR: f64 = 49.0 / 4.0;
 /// Slots of an arm; the first three are shoulder, elbow and insertion.
 const SLOTS: usize = 8;
 
-/// The message, field by field as in `raven_state.msg`. Degrees and degrees/s where the table above says so.
+/// The message, field by field as in `raven_state.msg`. Degrees and degrees/s where the table above
+/// says so.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 #[allow(missing_docs)] // the names and units are the message's own; see the table above
@@ -235,7 +237,8 @@ pub fn code_for(gearhead_n_m: f64) -> i32 {
     (GOLD_SIGN * gearhead_n_m / (TORQUE_CONSTANT * GEAR) * CODES_PER_A) as i32
 }
 
-/// Torques or forces at the first three joints for torques at the gearheads: the transpose of the motors' coupling.
+/// Torques or forces at the first three joints for torques at the gearheads: the transpose of the
+/// motors' coupling.
 #[must_use]
 pub fn joint_efforts(gearhead_n_m: [f64; 3]) -> [f64; 3] {
     core::array::from_fn(|k| {
@@ -245,7 +248,8 @@ pub fn joint_efforts(gearhead_n_m: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// Torques at the gearheads for torques or forces at the first three joints: the inverse of [`joint_efforts`].
+/// Torques at the gearheads for torques or forces at the first three joints: the inverse of
+/// [`joint_efforts`].
 #[must_use]
 pub fn gearhead_torques(joint: [f64; 3]) -> [f64; 3] {
     let mut at_motor = [0.0; 3];

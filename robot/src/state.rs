@@ -1,4 +1,5 @@
-//! What a robot tells: one message type for every source, with frame, sign of force, unit and clock declared.
+//! What a robot tells: one message type for every source, with frame, sign of force, unit and clock
+//! declared.
 //!
 //! Units: rad, m, rad/s, m/s, N·m, N. A quantity that a source does not know is `None` and never 0.
 
@@ -47,7 +48,8 @@ pub struct Stamp {
 pub enum Frame {
     /// Frame 0 of the Raven's kinematics: origin at the remote centre, gravity along -x.
     Raven0,
-    /// The Raven's CRTK frame: origin at the remote centre, gravity along -z (see [`crate::kinematics`]).
+    /// The Raven's CRTK frame: origin at the remote centre, gravity along -z (see
+    /// [`crate::kinematics`]).
     RavenCrtk,
     /// Robot base frame of the rig file: where exit points and axes are surveyed.
     Rig,
@@ -151,7 +153,8 @@ pub struct JointState {
 pub struct TipState {
     /// Frame of all components.
     pub frame: Frame,
-    /// The frame's name as the robot itself tells it, empty where it tells none. It is compared, never used.
+    /// The frame's name as the robot itself tells it, empty where it tells none. It is compared,
+    /// never used.
     pub frame_id: Arc<str>,
     /// Time of the pose on the robot's clock, ns, where that is not the time of the state.
     pub stamp_ns: Option<i64>,
@@ -305,9 +308,10 @@ impl StateError {
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 
 impl RobotState {
-    /// Leaves out each part that has a flaw and without which the state can still be used: velocities, efforts, set points,
-    /// an orientation, the robot's own force, and the joints where there is a tip. Returns what was left out
-    /// ([`StateError::Optional`]). Joints without names keep their place and go without.
+    /// Leaves out each part that has a flaw and without which the state can still be used:
+    /// velocities, efforts, set points, an orientation, the robot's own force, and the joints where
+    /// there is a tip. Returns what was left out ([`StateError::Optional`]). Joints without names
+    /// keep their place and go without.
     pub fn leave_out_flaws(&mut self) -> Vec<StateError> {
         let mut flaws = Flaws::default();
         if let Some(joints) = &mut self.joints {
@@ -350,8 +354,8 @@ impl RobotState {
         flaws.0
     }
 
-    /// Checks that the state holds a tip or joints, that every number is finite, every list has its length and an orientation
-    /// is one, and that the publisher does not mark it as invalid.
+    /// Checks that the state holds a tip or joints, that every number is finite, every list has its
+    /// length and an orientation is one, and that the publisher does not mark it as invalid.
     ///
     /// # Errors
     /// The first flaw.

@@ -1,4 +1,5 @@
-//! Kinematics against published figures and an oracle with 4x4 matrices, written from the table alone.
+//! Kinematics against published figures and an oracle with 4x4 matrices, written from the table
+//! alone.
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 use robot::kinematics::{
@@ -129,7 +130,8 @@ fn inverse_undoes_forward_for_any_tool() {
         // A bent tool can have a second solution; its tip is the same.
         let again = forward(&[found[0], found[1], found[2], q[3], q[4], q[5]]);
         assert!((again.position_m - forward(&q).position_m).norm() < 1e-9);
-        // At 0.483 m the tip is on the remote centre, behind it a second solution may be within the limits.
+        // At 0.483 m the tip is on the remote centre, behind it a second solution may be within the
+        // limits.
         if n % 2 == 0 && q[2] < 0.475 {
             for i in 0..3 {
                 assert!(

@@ -1,8 +1,10 @@
-//! The ROS 1 source against Debian's own rosmaster, rostopic and rosbag: no double of ours in between.
+//! The ROS 1 source against Debian's own rosmaster, rostopic and rosbag: no double of ours in
+//! between.
 //!
-//! `cargo test -p robot --features ros1 --test ros1`. Where the tools are not installed the test says so and does nothing;
-//! `apt-get install python3-rosnode python3-rostopic python3-rosbag python3-rosmaster python3-geometry-msgs python3-sensor-msgs`
-//! installs them. The test with the real client of CRTK also needs what docs/robot.md says.
+//! `cargo test -p robot --features ros1 --test ros1`. Where the tools are not installed the test
+//! says so and does nothing; `apt-get install python3-rosnode python3-rostopic python3-rosbag
+//! python3-rosmaster python3-geometry-msgs python3-sensor-msgs` installs them. The test with the
+//! real client of CRTK also needs what docs/robot.md says.
 #![cfg(feature = "ros1")]
 
 use common::{ros, Process, Ros, PATIENCE};
@@ -333,7 +335,8 @@ fn rosnode_tells_the_rig_with_its_connections() {
     assert!(!list.contains("/force_rig"), "{list}");
 }
 
-/// As users of CRTK write it: a class that the client fills with the device's topics, then `check_connections`.
+/// As users of CRTK write it: a class that the client fills with the device's topics, then
+/// `check_connections`.
 const CRTK_CLIENT: &str = r#"
 import sys, crtk
 

@@ -1,7 +1,8 @@
 //! The ROS 2 source against another DDS, `cyclonedds` of PyPI: no double of ours in between.
 //!
-//! `cargo test -p robot --features ros2 --test ros2`, with the environment variable ROS2_TEST_PYTHON naming a Python that has
-//! cyclonedds (`python3` where it is not set). Without it the test says so and does nothing.
+//! `cargo test -p robot --features ros2 --test ros2`, with the environment variable
+//! ROS2_TEST_PYTHON naming a Python that has cyclonedds (`python3` where it is not set). Without it
+//! the test says so and does nothing.
 #![cfg(feature = "ros2")]
 
 use robot::crtk::{AdapterConfig, Robot};

@@ -1,4 +1,5 @@
-//! Trajectories: within their ranges, smooth, at rest at both ends, repeatable, and each kind does what its name says.
+//! Trajectories: within their ranges, smooth, at rest at both ends, repeatable, and each kind does
+//! what its name says.
 
 use robot::trajectory::{Kind, Trajectory, TrajectoryConfig, TrajectoryError};
 

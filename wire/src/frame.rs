@@ -9,8 +9,8 @@ use serde::{de::DeserializeOwned, Serialize};
 /// Longest frame on the wire, with its COBS overhead and closing zero, in bytes.
 pub const MAX_FRAME: usize = 384;
 
-/// Longest payload (postcard and CRC) whose COBS form fits into [`MAX_FRAME`]: COBS adds a byte per 254
-/// begun, and the zero ends the frame.
+/// Longest payload (postcard and CRC) whose COBS form fits into [`MAX_FRAME`]: COBS adds a byte per
+/// 254 begun, and the zero ends the frame.
 const MAX_PAYLOAD: usize = MAX_FRAME - 3;
 
 const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
@@ -102,8 +102,8 @@ impl Decoder {
         self.bad
     }
 
-    /// Takes one byte; a message comes with the zero that ends its frame. Empty frames are silence: a
-    /// sender may put a zero first to end whatever was on the line before.
+    /// Takes one byte; a message comes with the zero that ends its frame. Empty frames are silence:
+    /// a sender may put a zero first to end whatever was on the line before.
     ///
     /// # Errors
     /// What is wrong with the frame that this byte ended; the next frame starts clean.

@@ -1,12 +1,13 @@
 //! The wire protocol of the force board: the messages between host and board, and their framing.
 //!
-//! * [`message`]: the messages. Commands ([`HostFrame`]) and telemetry ([`BoardFrame`]) are separate
-//!   types, so a stream of samples cannot be mistaken for a response.
+//! * [`message`]: the messages. Commands ([`HostFrame`]) and telemetry ([`BoardFrame`]) are
+//!   separate types, so a stream of samples cannot be mistaken for a response.
 //! * [`frame`]: COBS frames with a CRC-32, and a decoder that accepts any bytes.
 //!
-//! Two numbers guard a connection, both checked by [`message::Command::Hello`] before anything else is
-//! accepted: [`ABI_VERSION`] changes when the *meaning* of a message changes, [`SCHEMA_HASH`] whenever
-//! its *layout* does (it is computed from the types). Both are apart from the release version.
+//! Two numbers guard a connection, both checked by [`message::Command::Hello`] before anything else
+//! is accepted: [`ABI_VERSION`] changes when the *meaning* of a message changes, [`SCHEMA_HASH`]
+//! whenever its *layout* does (it is computed from the types). Both are apart from the release
+//! version.
 //!
 //! Units on the wire are integers with the unit in the name: `_un` micronewton, `_us` microsecond,
 //! `_nm` nanometre, `_pn` piconewton, `_q16` a number times 65,536. SI belongs to the host's edge.

@@ -24,8 +24,8 @@ pub struct HostFrame {
     pub command: Command,
 }
 
-/// What the host can request from the board. Every command but [`Command::Setpoints`] is answered with a
-/// [`Reply`]; setpoints are confirmed by the telemetry that shows them in force.
+/// What the host can request from the board. Every command but [`Command::Setpoints`] is answered
+/// with a [`Reply`]; setpoints are confirmed by the telemetry that shows them in force.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[allow(clippy::large_enum_variant)] // decoded into place on a board without an allocator
 pub enum Command {
@@ -43,14 +43,16 @@ pub enum Command {
         /// Unit, from 0.
         unit: u8,
     },
-    /// Put a unit's configuration beside the one in force. Nothing changes until [`Command::CommitConfig`].
+    /// Put a unit's configuration beside the one in force. Nothing changes until
+    /// [`Command::CommitConfig`].
     StageConfig {
         /// Unit, from 0.
         unit: u8,
         /// The configuration, checked when staged.
         config: UnitConfig,
     },
-    /// Put the configuration of the whole board beside the one in force; [`Command::CommitConfig`] exchanges it too.
+    /// Put the configuration of the whole board beside the one in force; [`Command::CommitConfig`]
+    /// exchanges it too.
     StageBoard {
         /// The configuration, checked when staged.
         config: BoardConfig,
@@ -73,7 +75,8 @@ pub enum Command {
     Stop,
     /// Clear latched faults whose cause is gone, and bring offline sensors up again. Does not arm.
     ClearFaults,
-    /// New cable tensions. They expire: when nothing newer has come within `valid_ms`, the board stops.
+    /// New cable tensions. They expire: when nothing newer has come within `valid_ms`, the board
+    /// stops.
     Setpoints {
         /// For how long these may be held, in milliseconds, 1 to 1,000.
         valid_ms: u16,
@@ -96,13 +99,15 @@ pub struct UnitSetpoint {
     /// (0 to 75.5 degrees). The board multiplies the load-cell force by it to get the cable tension
     /// (thesis 3.7: T = F / cos theta).
     pub inv_cos_q16: i32,
-    /// Direction in which the cable pulls at the tip, robot base frame, unit vector times 16,384. The board sums tension
-    /// times direction over all units and stops above [`BoardConfig::tip_force_limit_un`]. All zero: not known; the
-    /// tension then counts in full, whatever its direction.
+    /// Direction in which the cable pulls at the tip, robot base frame, unit vector times 16,384.
+    /// The board sums tension times direction over all units and stops above
+    /// [`BoardConfig::tip_force_limit_un`]. All zero: not known; the tension then counts in full,
+    /// whatever its direction.
     pub direction_q14: [i16; 3],
-    /// Speed at which the reel will have to wind in while the setpoint holds, because the robot moves, in micrometres a second of
-    /// cable; negative: pay out; -1,000,000 to 1,000,000. The friction feedforward expects it of a reel that rests. `None`: not
-    /// known, or not well enough; the encoder then shows the direction alone.
+    /// Speed at which the reel will have to wind in while the setpoint holds, because the robot
+    /// moves, in micrometres a second of cable; negative: pay out; -1,000,000 to 1,000,000. The
+    /// friction feedforward expects it of a reel that rests. `None`: not known, or not well enough;
+    /// the encoder then shows the direction alone.
     pub reel_um_per_s: Option<i32>,
 }
 
@@ -112,17 +117,18 @@ pub const DIRECTION_ONE: i16 = 16_384;
 /// Configuration of the whole board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct BoardConfig {
-    /// Force at the tip at which the board stops all motors, in micronewton, 1,000,000 to 100,000,000.
+    /// Force at the tip at which the board stops all motors, in micronewton, 1,000,000 to
+    /// 100,000,000.
     pub tip_force_limit_un: i32,
-    /// Whether the bus writes a converter's register pointer ahead of its next sample. Off costs some 50 us a sample.
-    /// Off is right where a converter latches its result at that write instead of at the read; docs/bring-up.md has the
-    /// measurement.
+    /// Whether the bus writes a converter's register pointer ahead of its next sample. Off costs
+    /// some 50 us a sample. Off is right where a converter latches its result at that write instead
+    /// of at the read; docs/bring-up.md has the measurement.
     pub pointer_ahead: bool,
 }
 
 impl Default for BoardConfig {
-    /// What a board starts with. 20 N: six cables within 2 to 12 N can pull with 17.3 N along the diagonal of three
-    /// pairs at right angles.
+    /// What a board starts with. 20 N: six cables within 2 to 12 N can pull with 17.3 N along the
+    /// diagonal of three pairs at right angles.
     fn default() -> Self {
         Self {
             tip_force_limit_un: 20_000_000,
@@ -149,13 +155,15 @@ pub enum FilterChoice {
 pub struct UnitConfig {
     /// Whether this unit exists and takes part.
     pub enabled: bool,
-    /// Load-cell force per ADC count in piconewton (nominal 6,850,000); negative where pulling lowers the code.
+    /// Load-cell force per ADC count in piconewton (nominal 6,850,000); negative where pulling
+    /// lowers the code.
     pub scale_pn_per_count: i32,
     /// ADC code at zero load; [`Command::Zero`] sets it on the board.
     pub zero_code: i32,
     /// ADC code at zero load as it was found when the unit was calibrated.
     pub stored_zero_code: i32,
-    /// How far a new zero may be from the stored one, in micronewton of load-cell force; a zero further off is refused.
+    /// How far a new zero may be from the stored one, in micronewton of load-cell force; a zero
+    /// further off is refused.
     pub zero_deviation_un: i32,
     /// Filter.
     pub filter: FilterChoice,
@@ -188,18 +196,19 @@ pub struct UnitConfig {
     pub dac_counts_per_n_q16: i32,
     /// Largest commanded cable force, in micronewton.
     pub force_limit_un: i32,
-    /// How far the command may exceed what the friction model needs to wind the cable in at the setpoint, in micronewton:
-    /// bounds the pull of a unit whose load cell reads too little.
+    /// How far the command may exceed what the friction model needs to wind the cable in at the
+    /// setpoint, in micronewton: bounds the pull of a unit whose load cell reads too little.
     pub authority_un: i32,
-    /// How far the measured tension may be outside the friction model's band around the command, in micronewton, before
-    /// the load cell or the motor is in doubt.
+    /// How far the measured tension may be outside the friction model's band around the command, in
+    /// micronewton, before the load cell or the motor is in doubt.
     pub plausible_un: i32,
     /// Fastest change of the commanded cable force, in micronewton per second.
     pub slew_un_per_s: i32,
-    /// Tension at which the unit faults, in micronewton. While it follows setpoints it faults at 13 N
-    /// already, or 1 N above its largest tension.
+    /// Tension at which the unit faults, in micronewton. While it follows setpoints it faults at 13
+    /// N already, or 1 N above its largest tension.
     pub over_tension_un: i32,
-    /// Viscous friction that the feedforward compensates, N per m/s of cable travel, times 65,536; 0: none.
+    /// Viscous friction that the feedforward compensates, N per m/s of cable travel, times 65,536;
+    /// 0: none.
     pub viscous_q16: i32,
     /// Forces that repeat with the reel's angle, compensated by the feedforward.
     pub ripples: [Ripple; RIPPLES],
@@ -209,9 +218,9 @@ pub struct UnitConfig {
     pub tension_max_un: i32,
 }
 
-/// Curve and creep of a load cell, taken out of its readings. A straight reading `x` (code less zero, times scale) becomes
-/// `x + curve x^2`; from that the creep `s` is taken, which follows the load that is left, `l`:
-/// `ds/dt = (creep l - s) / time constant`.
+/// Curve and creep of a load cell, taken out of its readings. A straight reading `x` (code less
+/// zero, times scale) becomes `x + curve x^2`; from that the creep `s` is taken, which follows the
+/// load that is left, `l`: `ds/dt = (creep l - s) / time constant`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct CellCorrection {
     /// Curve, nanonewton per square newton of straight reading; 0: none.
@@ -232,9 +241,9 @@ impl CellCorrection {
 }
 
 /// A force on the cable that repeats with the reel's angle (eccentric reel, gear mesh, cogging):
-/// (amplitude + share x setpoint) x sin(2 pi (turns per count x position) + phase), positive where it adds to the
-/// tension. The position is the unit's extended encoder position, which starts at 0 when the board boots: the phase
-/// holds until then. All zero: none.
+/// (amplitude + share x setpoint) x sin(2 pi (turns per count x position) + phase), positive where
+/// it adds to the tension. The position is the unit's extended encoder position, which starts at 0
+/// when the board boots: the phase holds until then. All zero: none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub struct Ripple {
     /// Periods per encoder count, times 2^32.
@@ -250,7 +259,8 @@ pub struct Ripple {
 /// A frame from the board.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct BoardFrame {
-    /// Counts the frames of this link, dropped ones included: a gap is what the queue had no room for.
+    /// Counts the frames of this link, dropped ones included: a gap is what the queue had no room
+    /// for.
     pub seq: u16,
     /// The message.
     pub message: BoardMessage,
@@ -315,14 +325,16 @@ pub enum CommandError {
     Faulted(u16),
     /// The board has no unit with this number; 255: no unit was named.
     UnknownUnit(u8),
-    /// The unit exists but cannot take part now: it is disabled or its sensor is not up yet. No fault is latched.
+    /// The unit exists but cannot take part now: it is disabled or its sensor is not up yet. No
+    /// fault is latched.
     UnitNotReady {
         /// Unit, from 0.
         unit: u8,
         /// `control::state::MotorState` of the unit as a number.
         state: u8,
     },
-    /// A value is out of its range: number of the field in [`UnitConfig`] or of the unit's setpoint, from 0.
+    /// A value is out of its range: number of the field in [`UnitConfig`] or of the unit's
+    /// setpoint, from 0.
     Range {
         /// Unit, from 0.
         unit: u8,
@@ -344,11 +356,13 @@ pub struct BoardInfo {
     pub core_hz: u32,
     /// Silicon revision of the controller (DBGMCU_IDC.REV_ID): 0x1003 Y, 0x2001 X, 0x2003 V.
     pub silicon: u16,
-    /// Whether the clock comes from the HSE input. `false`: it was missing, and the board runs on its internal HSI (1 %).
+    /// Whether the clock comes from the HSE input. `false`: it was missing, and the board runs on
+    /// its internal HSI (1 %).
     pub hse: bool,
     /// RCC_RSR at boot (RM0433 8.7.40): why it was reset.
     pub reset_flags: u32,
-    /// FLASH_OPTSR_CUR at boot (RM0433 section 4.4): the option bytes in force. See [`Self::brown_out_level`].
+    /// FLASH_OPTSR_CUR at boot (RM0433 section 4.4): the option bytes in force. See
+    /// [`Self::brown_out_level`].
     pub option_bytes: u32,
     /// Crash record of the previous run: the fault or panic that ended it, or `None`.
     pub crash_record: Option<CrashRecord>,
@@ -358,7 +372,8 @@ impl BoardInfo {
     /// Level that docs/bring-up.md has set.
     pub const BROWN_OUT_LEVEL: u8 = 3;
 
-    /// BOR_LEV of the option bytes, 0 to 3: below which supply the controller is reset; 0 is the factory's.
+    /// BOR_LEV of the option bytes, 0 to 3: below which supply the controller is reset; 0 is the
+    /// factory's.
     #[must_use]
     pub const fn brown_out_level(&self) -> u8 {
         (self.option_bytes >> 2 & 3) as u8
@@ -406,8 +421,8 @@ pub struct Status {
     pub estop_closed: bool,
     /// Each unit.
     pub units: [UnitStatus; UNITS],
-    /// Force of the six cables at the tip, from measured tensions and the directions of the last setpoints, in
-    /// micronewton, robot base frame.
+    /// Force of the six cables at the tip, from measured tensions and the directions of the last
+    /// setpoints, in micronewton, robot base frame.
     pub tip_force_un: [i32; 3],
     /// Whether the alive line is withheld, so that the PLC removes the amplifiers' power.
     pub alive_withheld: bool,
@@ -448,8 +463,8 @@ pub struct UnitStatus {
     pub tension_un: i32,
     /// ADC code of the newest sample; 0: none since boot.
     pub adc_code: i32,
-    /// Encoder position in counts, lowest 32 bits of the extended position. Read at least every 6 ms, whether the load cell
-    /// measures or not.
+    /// Encoder position in counts, lowest 32 bits of the extended position. Read at least every 6
+    /// ms, whether the load cell measures or not.
     pub encoder_counts: i32,
 }
 
@@ -462,7 +477,8 @@ pub struct Batch {
     pub samples: Vec<Sample, BATCH>,
 }
 
-/// One sample and what the controller made of it: raw codes as the parts gave them, terms in 0.1 mN.
+/// One sample and what the controller made of it: raw codes as the parts gave them, terms in 0.1
+/// mN.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub struct Sample {
     /// Unit, from 0.
@@ -499,7 +515,8 @@ pub struct Sample {
 pub mod flags {
     /// The spike gate replaced this sample.
     pub const SPIKE: u8 = 1;
-    /// The command is at its upper limit: the force limit, or the authority over the friction model.
+    /// The command is at its upper limit: the force limit, or the authority over the friction
+    /// model.
     pub const LIMITED: u8 = 2;
     /// The command is at its slew limit.
     pub const SLEWING: u8 = 4;

@@ -3,7 +3,8 @@
 /// Force units of a board.
 pub const UNITS: usize = 6;
 
-/// Index of a force unit: never out of range. `as u8` and `as usize` give the number from 0 that the messages carry.
+/// Index of a force unit: never out of range. `as u8` and `as usize` give the number from 0 that
+/// the messages carry.
 #[allow(missing_docs)] // the units have no other names
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]

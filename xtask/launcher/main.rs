@@ -1,8 +1,10 @@
-//! `cargo forcectl`: becomes the forcectl that was built before, or lets xtask build what is missing.
+//! `cargo forcectl`: becomes the forcectl that was built before, or lets xtask build what is
+//! missing.
 //!
-//! A stop must not wait for a compiler, for another cargo that holds the target folder, nor fail because something in
-//! the workspace does not compile. So the commands of [`AT_ONCE`] take the program that there is, and say when it is
-//! older than its sources. Everything else goes to `cargo xtask forcectl`.
+//! A stop must not wait for a compiler, for another cargo that holds the target folder, nor fail
+//! because something in the workspace does not compile. So the commands of [`AT_ONCE`] take the
+//! program that there is, and say when it is older than its sources. Everything else goes to
+//! `cargo xtask forcectl`.
 
 use std::env;
 use std::ffi::{OsStr, OsString};
@@ -95,7 +97,8 @@ impl Checkout {
     }
 }
 
-/// The target folder of cargo's configuration, which only cargo can tell: xtask notes it where it differs.
+/// The target folder of cargo's configuration, which only cargo can tell: xtask notes it where it
+/// differs.
 fn noted_target(root: &Path) -> Option<PathBuf> {
     let note = fs::read_to_string(root.join("target/launcher/target")).ok()?;
     Some(PathBuf::from(note))
@@ -148,7 +151,8 @@ fn modified(file: &Path) -> Option<SystemTime> {
     fs::metadata(file).and_then(|file| file.modified()).ok()
 }
 
-/// The files of cargo's `PROGRAM: FILE FILE...`, where a space within a name has a backslash before it.
+/// The files of cargo's `PROGRAM: FILE FILE...`, where a space within a name has a backslash before
+/// it.
 fn sources(list: &str) -> Vec<PathBuf> {
     let Some((_, list)) = list.split_once(": ") else {
         return Vec::new();
@@ -166,13 +170,15 @@ fn sources(list: &str) -> Vec<PathBuf> {
     found.into_iter().map(PathBuf::from).collect()
 }
 
-/// Variables with which `cargo run` describes this package, and which would leak into builds started from here.
+/// Variables with which `cargo run` describes this package, and which would leak into builds
+/// started from here.
 fn is_of_this_package(name: &OsStr) -> bool {
     name.to_str()
         .is_some_and(|name| name.starts_with("CARGO_MANIFEST_") || name.starts_with("CARGO_PKG_"))
 }
 
-/// Replaces this process by another program: its exit code and Ctrl-C are the caller's. Returns only an error.
+/// Replaces this process by another program: its exit code and Ctrl-C are the caller's. Returns
+/// only an error.
 #[cfg(unix)]
 fn become_it(command: &mut Command) -> std::io::Error {
     use std::os::unix::process::CommandExt;

@@ -1,7 +1,8 @@
 //! The documents as a book with a search: `cargo xtask book`, by mdBook.
 //!
-//! mdBook takes pages from one folder only. README, CONTRIBUTING and others stand in the root, where code hosts look for
-//! them. So the pages are copied into the target directory as they lie here, and `docs/SUMMARY.md` becomes theirs.
+//! mdBook takes pages from one folder only. README, CONTRIBUTING and others stand in the root,
+//! where code hosts look for them. So the pages are copied into the target directory as they lie
+//! here, and `docs/SUMMARY.md` becomes theirs.
 
 use std::ffi::OsString;
 use std::fs;
@@ -38,7 +39,8 @@ pub fn build(workspace: &Workspace, arguments: &[OsString]) -> Result<()> {
     Ok(())
 }
 
-/// Lays out what mdBook reads: `book.toml`, and in `pages` the documents with the summary above them.
+/// Lays out what mdBook reads: `book.toml`, and in `pages` the documents with the summary above
+/// them.
 fn stage(root: &Path, source: &Path) -> std::io::Result<()> {
     if source.exists() {
         fs::remove_dir_all(source)?;

@@ -30,15 +30,15 @@ pub fn check(workspace: &Workspace) -> Result<()> {
     .remedy("break them; tables and drawings may be wider"))
 }
 
-/// Whether a line is a comment that is too wide. Tables, drawings and formulas (columns of their
-/// own) can't be broken.
+/// Whether a line is a comment that is too wide. Tables, drawings, formulas (columns of their own)
+/// and JSON can't be broken.
 fn is_wide(line: &str) -> bool {
     let Some(comment) = line.trim_start().strip_prefix("//") else {
         return false;
     };
     let text = comment.trim_start_matches(['/', '!']).trim();
     line.chars().count() > COLUMNS
-        && !(text.starts_with('|') || text.contains('─') || text.contains("  "))
+        && !(text.starts_with(['|', '"', '{']) || text.contains('─') || text.contains("  "))
 }
 
 #[cfg(test)]

@@ -143,8 +143,8 @@ impl Image {
             .map(|segments| Self { sections, segments }))
     }
 
-    /// Bytes used in each of [`MEMORIES`], in its order. Initialised data counts twice, as it should:
-    /// where it lives and in the flash that it is copied from.
+    /// Bytes used in each of [`MEMORIES`], in its order. Initialised data counts twice, as it
+    /// should: where it lives and in the flash that it is copied from.
     pub fn usage(&self) -> [u64; MEMORIES.len()] {
         MEMORIES.map(|memory| {
             if memory == FLASH {

@@ -1,4 +1,5 @@
-//! The default experiment, whole: all trials in shards side by side, then its report and data card for a release.
+//! The default experiment, whole: all trials in shards side by side, then its report and data card
+//! for a release.
 
 use std::ffi::OsString;
 use std::process::Command;

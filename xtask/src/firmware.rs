@@ -36,7 +36,8 @@ pub fn cargo(workspace: &Workspace, arm: &Arm, subcommand: &str) -> std::process
         .arg("--target-dir")
         .arg(workspace.firmware_target())
         .args(["--profile", PROFILE]);
-    // Debian's cargo is another version than the one that keeps the lock file: it must not rewrite it.
+    // Debian's cargo is another version than the one that keeps the lock file: it must not rewrite
+    // it.
     if matches!(arm, Arm::Debian { .. }) && lock_is_current(workspace) {
         cargo.arg("--locked");
     }

@@ -1,5 +1,6 @@
-//! Mutants of the firmware image: one place changed, the image built, and the test run that must find it, on the embedded rig or
-//! on Renode. `cargo xtask faults --mutants` does the same for the fault campaign, without an image.
+//! Mutants of the firmware image: one place changed, the image built, and the test run that must
+//! find it, on the embedded rig or on Renode. `cargo xtask faults --mutants` does the same for the
+//! fault campaign, without an image.
 //!
 //! The sources are copied into `target/mutants` and changed there. The checkout is not touched.
 
@@ -120,7 +121,8 @@ rows! {
         Renode "detections" "A Bus Error Is Cleared And Nothing Else";
 }
 
-/// Builds every mutant of `machine`, or those named, and runs its test. `true`: every test found its mutant.
+/// Builds every mutant of `machine`, or those named, and runs its test. `true`: every test found
+/// its mutant.
 ///
 /// # Errors
 /// A name is unknown, a place is not found once, or a test fails without a mutant.

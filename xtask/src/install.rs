@@ -1,4 +1,5 @@
-//! `cargo xtask install`: the program `forcectl` with its manual pages and completions, below one folder.
+//! `cargo xtask install`: the program `forcectl` with its manual pages and completions, below one
+//! folder.
 
 use std::env;
 use std::fs;

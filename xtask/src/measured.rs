@@ -1,5 +1,5 @@
-//! The residual analysis on the measured data of the thesis rig: its report, and the comparison with
-//! public Python tools.
+//! The residual analysis on the measured data of the thesis rig: its report, and the comparison
+//! with public Python tools.
 
 use std::ffi::OsString;
 use std::process::Command;
@@ -12,9 +12,9 @@ use crate::workspace::Workspace;
 /// The comparison, below the root.
 const SCRIPTS: &str = "evaluations/residual-bench/python";
 
-/// The arguments of the program that writes the report, and where it looks for the data. Both are files of
-/// that program without dependencies: xtask links no crate of this workspace, and still has to know
-/// whether the data are there before it compiles for minutes.
+/// The arguments of the program that writes the report, and where it looks for the data. Both are
+/// files of that program without dependencies: xtask links no crate of this workspace, and still
+/// has to know whether the data are there before it compiles for minutes.
 #[path = "../../evaluations/measured-rig/src/arguments.rs"]
 mod arguments;
 #[allow(dead_code)] // xtask needs to know that there are data, not which.

@@ -1,8 +1,8 @@
-//! Mutants of the firmware's supervision: each one a detection switched off, a limit doubled or a check ignored. A campaign that
-//! finds nothing proves something only if it finds these.
+//! Mutants of the firmware's supervision: each one a detection switched off, a limit doubled or a
+//! check ignored. A campaign that finds nothing proves something only if it finds these.
 //!
-//! The sources that the campaign is built from are copied into `target/mutants`, changed there, built and run. The checkout is
-//! not touched.
+//! The sources that the campaign is built from are copied into `target/mutants`, changed there,
+//! built and run. The checkout is not touched.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! Checks by tools that a developer may have: cargo-deny and typos. Without the tool they are skipped.
+//! Checks by tools that a developer may have: cargo-deny and typos. Without the tool they are
+//! skipped.
 
 use crate::process::{self, Sees};
 use crate::report::Result;
@@ -15,8 +16,8 @@ pub struct Tool {
     pub install: &'static str,
 }
 
-/// Licences, sources and duplicates of the dependencies, by `deny.toml`. The advisories are left out:
-/// their database is a download of its own.
+/// Licences, sources and duplicates of the dependencies, by `deny.toml`. The advisories are left
+/// out: their database is a download of its own.
 pub const DENY: Tool = Tool {
     program: "cargo-deny",
     arguments: &[

@@ -149,8 +149,8 @@ pub enum Ended {
     Stalled,
 }
 
-/// Runs a command and stops it when `progress` (any number that grows while work is being done, such
-/// as bytes downloaded) stands still for `limit`.
+/// Runs a command and stops it when `progress` (any number that grows while work is being done,
+/// such as bytes downloaded) stands still for `limit`.
 ///
 /// # Errors
 /// When the program can't be started or waited for.

@@ -27,8 +27,8 @@ pub fn interpreter(environment: &Path) -> PathBuf {
     })
 }
 
-/// Python with the packages of a requirements file, in the folder `name` below the target folder; made once, and anew when the
-/// requirements change. `pip`: options of `pip install`.
+/// Python with the packages of a requirements file, in the folder `name` below the target folder;
+/// made once, and anew when the requirements change. `pip`: options of `pip install`.
 ///
 /// # Errors
 /// When Python or the packages can't be had.

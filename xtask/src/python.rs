@@ -23,7 +23,8 @@ pub enum Environment {
     Missing(String),
 }
 
-/// Makes an environment, and installs the package as a user does: `pip install ./python`, with what its tests need.
+/// Makes an environment, and installs the package as a user does: `pip install ./python`, with what
+/// its tests need.
 ///
 /// # Errors
 /// The package can't be built or installed.
@@ -58,7 +59,8 @@ pub fn environment(workspace: &Workspace) -> Result<Environment> {
         .current_dir(workspace.root())
         .arg(format!("./{PACKAGE}[test]"))
         .env("CARGO_TARGET_DIR", workspace.target())
-        // What the workspace has compiled is taken over; the emulator's engine wants the option (docs/developing.md).
+        // What the workspace has compiled is taken over; the emulator's engine wants the option
+        // (docs/developing.md).
         .env(
             "MATURIN_PEP517_ARGS",
             "--features shared --ignore-rust-version",

@@ -1,7 +1,7 @@
 //! Finds Renode, runs the suites in `renode/suites` on it, and compares it with the embedded rig.
 //!
-//! Renode's own exit code says nothing (it is 0 even after a script error), so the count comes from the
-//! suites' result file.
+//! Renode's own exit code says nothing (it is 0 even after a script error), so the count comes from
+//! the suites' result file.
 
 use std::env;
 use std::ffi::OsString;
@@ -28,7 +28,8 @@ pub struct Renode {
     pub program: PathBuf,
     /// `renode-test`.
     pub tests: PathBuf,
-    /// A Python environment with the Robot Framework that belongs to it, where `--install` made one.
+    /// A Python environment with the Robot Framework that belongs to it, where `--install` made
+    /// one.
     python: Option<PathBuf>,
 }
 
@@ -37,8 +38,8 @@ fn own_folder(workspace: &Workspace) -> PathBuf {
     workspace.target().join("renode")
 }
 
-/// Looks where a Renode usually is: `RENODE`, `PATH`, what `--install` fetched, the portable package's
-/// usual folders.
+/// Looks where a Renode usually is: `RENODE`, `PATH`, what `--install` fetched, the portable
+/// package's usual folders.
 pub fn find(workspace: &Workspace) -> Option<Renode> {
     let home = env::var_os("HOME").map(PathBuf::from).unwrap_or_default();
     let own = own_folder(workspace);
@@ -107,7 +108,8 @@ pub fn require(workspace: &Workspace) -> Result<Renode> {
 /// Fetches the official portable package and what its test runner needs of Python.
 ///
 /// # Errors
-/// When the system has no such package, or a step fails: mostly a network that doesn't let it through.
+/// When the system has no such package, or a step fails: mostly a network that doesn't let it
+/// through.
 pub fn install(workspace: &Workspace) -> Result<()> {
     if env::consts::OS != "linux" || env::consts::ARCH != "x86_64" {
         return Err(

@@ -23,15 +23,16 @@ pub const STACK_VARIABLE: &str = "FORCE_STACK_BOUND";
 /// Commands of forcectl that may start an embedded rig, one a line.
 const EMULATING: &str = include_str!("../../host-cli/emulating.txt");
 
-/// Commands that take the forcectl that has been built before, for whoever calls `cargo xtask forcectl`; `cargo forcectl`
-/// does not get here with them (launcher/main.rs).
+/// Commands that take the forcectl that has been built before, for whoever calls
+/// `cargo xtask forcectl`; `cargo forcectl` does not get here with them (launcher/main.rs).
 const AT_ONCE: [&str; 3] = ["clear", "disarm", "stop"];
 
-/// Commands that need nothing of recordings, experiments, estimation and analysis. The first build for
-/// such a command leaves these out, and so takes minutes less.
+/// Commands that need nothing of recordings, experiments, estimation and analysis. The first build
+/// for such a command leaves these out, and so takes minutes less.
 const LIGHT: [&str; 5] = ["hold", "monitor", "rig", "set-force", "status"];
 
-/// forcectl and what it starts without those crates. `features` makes the dependencies those of all packages.
+/// forcectl and what it starts without those crates. `features` makes the dependencies those of all
+/// packages.
 pub const LIGHT_BUILD: [&str; 6] = [
     "--package=emulator",
     "--package=host-cli",
@@ -43,17 +44,17 @@ pub const LIGHT_BUILD: [&str; 6] = [
 
 /// A cargo command for all packages of this computer.
 ///
-/// Always all of them, in the same profile: cargo unites the features of the packages that it is given,
-/// so any other choice could compile dependencies a second time. `--ignore-rust-version`: see
-/// docs/developing.md.
+/// Always all of them, in the same profile: cargo unites the features of the packages that it is
+/// given, so any other choice could compile dependencies a second time. `--ignore-rust-version`:
+/// see docs/developing.md.
 pub fn cargo(workspace: &Workspace, subcommand: &str) -> Command {
     let mut cargo = cargo_for(workspace, subcommand);
     cargo.args(["--workspace", "--exclude", "on-target"]);
     cargo
 }
 
-/// What selects the packages whose tests run the embedded rig; `features` makes their dependencies those
-/// of all packages.
+/// What selects the packages whose tests run the embedded rig; `features` makes their dependencies
+/// those of all packages.
 pub const EMULATED: [&str; 6] = [
     "--package",
     "emulator",
@@ -119,8 +120,8 @@ fn light_note(workspace: &Workspace) -> PathBuf {
     workspace.notes().join("light-forcectl")
 }
 
-/// Whether a light build replaces no whole forcectl. One of any other build, by plain cargo too, has another length than
-/// the note says.
+/// Whether a light build replaces no whole forcectl. One of any other build, by plain cargo too,
+/// has another length than the note says.
 fn may_be_light(workspace: &Workspace) -> bool {
     fs::metadata(workspace.program("forcectl")).map_or(true, |file| {
         fs::read_to_string(light_note(workspace)).is_ok_and(|note| note == file.len().to_string())
@@ -177,8 +178,8 @@ pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
         .any(|line| command.starts_with(&line.split(' ').collect::<Vec<_>>()))
 }
 
-/// The words that name a command of forcectl and the step below it. Options that may stand before them
-/// take no value.
+/// The words that name a command of forcectl and the step below it. Options that may stand before
+/// them take no value.
 fn command<'a>(words: &[&'a str]) -> Vec<&'a str> {
     let plain = words.iter().filter(|word| !word.starts_with('-'));
     plain.copied().take(2).collect()
@@ -229,8 +230,8 @@ fn note_target(workspace: &Workspace) -> Result<()> {
         .map_err(|error| Failure::new(format!("{} can't be written: {error}", note.display())))
 }
 
-/// Builds an evaluation on the embedded rig, with firmware and rig, and prepares its call. Its help needs
-/// the program alone.
+/// Builds an evaluation on the embedded rig, with firmware and rig, and prepares its call. Its help
+/// needs the program alone.
 fn evaluation_on_rig(workspace: &Workspace, name: &str, arguments: &[OsString]) -> Result<Command> {
     if help::is_requested(arguments) {
         build(workspace, &[name])?;
@@ -273,8 +274,8 @@ pub fn evaluation(workspace: &Workspace, name: &str, arguments: &[OsString]) -> 
     hand_over(command)
 }
 
-/// Builds and runs the fault campaign or its mutants, which need neither firmware nor embedded rig; or the flips of the running
-/// image, which need both.
+/// Builds and runs the fault campaign or its mutants, which need neither firmware nor embedded rig;
+/// or the flips of the running image, which need both.
 ///
 /// # Errors
 /// When it can't be built or started.
@@ -339,8 +340,8 @@ mod tests {
     use std::collections::BTreeSet;
     use std::path::Path;
 
-    /// Cargo compiles a package again for each set of features: no smaller selection may ask for a set of its own. What this
-    /// prints belongs into tests/features/Cargo.toml.
+    /// Cargo compiles a package again for each set of features: no smaller selection may ask for a
+    /// set of its own. What this prints belongs into tests/features/Cargo.toml.
     #[test]
     fn smaller_selections_take_over_what_the_whole_workspace_compiles() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
@@ -354,7 +355,8 @@ mod tests {
                 .unwrap();
             let errors = String::from_utf8_lossy(&output.stderr);
             assert!(output.status.success(), "{errors}");
-            // Packages of the workspace, which name a folder, may differ: that is what a smaller selection leaves out.
+            // Packages of the workspace, which name a folder, may differ: that is what a smaller
+            // selection leaves out.
             String::from_utf8_lossy(&output.stdout)
                 .lines()
                 .filter(|line| !line.contains(&root.display().to_string()))

@@ -1,8 +1,8 @@
 //! The oldest supported Rust: one number, and every text that repeats it.
 //!
 //! `rust-version` in the root `Cargo.toml` decides. Cargo refuses an older compiler by itself, and
-//! refuses dependencies that declare a newer one. What cargo cannot see is checked here: packages that
-//! do not take part, documents and scripts that name another version.
+//! refuses dependencies that declare a newer one. What cargo cannot see is checked here: packages
+//! that do not take part, documents and scripts that name another version.
 
 use std::fs;
 

@@ -258,14 +258,16 @@ impl Suite<'_> {
         built
     }
 
-    /// Runs a `cargo test` or pytest, counts its results, shows what is news and keeps everything in a log.
+    /// Runs a `cargo test` or pytest, counts its results, shows what is news and keeps everything
+    /// in a log.
     fn tests(&mut self, command: &mut Command) -> Result<Outcome> {
         let folder = self.workspace.notes();
         let path = folder.join(format!("{}.log", self.current));
         let mut log = fs::create_dir_all(&folder)
             .and_then(|()| fs::File::create(&path))
             .map_err(|error| Failure::new(format!("{} can't be made: {error}", path.display())))?;
-        // What this user has calibrated is none of the tests' business: they begin with an empty folder.
+        // What this user has calibrated is none of the tests' business: they begin with an empty
+        // folder.
         let state = folder.join("state");
         let _ = fs::remove_dir_all(&state);
         let mut child = command

@@ -16,12 +16,13 @@ pub struct Tally {
 
 impl Tally {
     /// Reads the closing line of a run: pytest's, or libtest's, such as
-    /// `test result: ok. 3 passed; 0 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.00s`.
+    /// `test result: ok. 3 passed; 0 failed; 0 ignored; 0 measured; 0 filtered out; ...`.
     pub fn from_line(line: &str) -> Option<Self> {
         Self::from_libtest(line).or_else(|| Self::from_pytest(line))
     }
 
-    /// Reads pytest's closing line, such as `==== 2 failed, 31 passed, 1 skipped, 1 error in 4.56s ====`.
+    /// Reads pytest's closing line, such as
+    /// `==== 2 failed, 31 passed, 1 skipped, 1 error in 4.56s ====`.
     fn from_pytest(line: &str) -> Option<Self> {
         let line = line.trim().strip_prefix("==")?.trim_matches(['=', ' ']);
         let (counts, time) = line.rsplit_once(" in ")?;

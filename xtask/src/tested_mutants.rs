@@ -1,5 +1,6 @@
-//! Mutants that the tests of `control` and `board` kill: what the amplifiers' power waits for, each rule for each unit, conditions of a
-//! clear, constants of time. They were written after the tests that they are for.
+//! Mutants that the tests of `control` and `board` kill: what the amplifiers' power waits for, each
+//! rule for each unit, conditions of a clear, constants of time. They were written after the tests
+//! that they are for.
 
 use crate::mutants::{mutants, Mutant};
 

@@ -11,15 +11,16 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// Finds the checkout that this xtask runs in: that of the package which cargo runs. A copied clone has the program
-    /// of the first one in its target directory, and cargo does not build it again.
+    /// Finds the checkout that this xtask runs in: that of the package which cargo runs. A copied
+    /// clone has the program of the first one in its target directory, and cargo does not build it
+    /// again.
     pub fn locate() -> Self {
         let root = root(
             env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from),
             Path::new(env!("CARGO_MANIFEST_DIR")),
         );
-        // xtask runs as <target>/<profile>/xtask, so its own path gives the target directory however
-        // it was chosen (default, CARGO_TARGET_DIR, a user's cargo configuration).
+        // xtask runs as <target>/<profile>/xtask, so its own path gives the target directory
+        // however it was chosen (default, CARGO_TARGET_DIR, a user's cargo configuration).
         let target = env::current_exe()
             .ok()
             .and_then(|exe| Some(exe.parent()?.parent()?.to_path_buf()))
@@ -43,8 +44,8 @@ impl Workspace {
         &self.target
     }
 
-    /// The firmware's own target directory. Another compiler with other flags works here; apart from
-    /// the host's directory the two never wait for each other's lock nor spoil each other's
+    /// The firmware's own target directory. Another compiler with other flags works here; apart
+    /// from the host's directory the two never wait for each other's lock nor spoil each other's
     /// fingerprints.
     pub fn firmware_target(&self) -> PathBuf {
         self.target.join("firmware")
@@ -60,7 +61,8 @@ impl Workspace {
         self.firmware_target().join("force-board.bin")
     }
 
-    /// The host programs and libraries. All are built in the profile `dev`, whose folder is `debug`.
+    /// The host programs and libraries. All are built in the profile `dev`, whose folder is
+    /// `debug`.
     pub fn programs(&self) -> PathBuf {
         self.target.join("debug")
     }
@@ -76,8 +78,8 @@ impl Workspace {
         self.target.join("xtask")
     }
 
-    /// The project's own files whose names end with `ending`, sorted; without build products, data and
-    /// hidden folders.
+    /// The project's own files whose names end with `ending`, sorted; without build products, data
+    /// and hidden folders.
     pub fn files(&self, ending: &str) -> Vec<PathBuf> {
         let mut files = Vec::new();
         collect(&self.root, ending, &mut files);
@@ -113,8 +115,8 @@ fn collect(folder: &Path, ending: &str, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// The workspace's root, from the manifest's folder as cargo names it at run time, or from the one of the build where
-/// xtask was started without cargo.
+/// The workspace's root, from the manifest's folder as cargo names it at run time, or from the one
+/// of the build where xtask was started without cargo.
 fn root(at_run: Option<PathBuf>, at_build: &Path) -> PathBuf {
     let manifest = at_run.unwrap_or_else(|| at_build.to_path_buf());
     manifest

@@ -1,5 +1,6 @@
-//! Licences of all packages, on any platform and with any feature, against the section `licenses` of
-//! `deny.toml`. cargo-deny reads licence texts as well, but takes minutes to install; this runs everywhere.
+//! Licences of all packages, on any platform and with any feature, against the section `licenses`
+//! of `deny.toml`. cargo-deny reads licence texts as well, but takes minutes to install; this runs
+//! everywhere.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -35,8 +36,8 @@ struct Exception {
     allow: Vec<String>,
 }
 
-/// A package as `cargo tree` prints it: `name v1.2.3 (anything)|licence`, with a mark where it was listed
-/// before.
+/// A package as `cargo tree` prints it: `name v1.2.3 (anything)|licence`, with a mark where it was
+/// listed before.
 #[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Package<'a> {
     name: &'a str,
@@ -64,8 +65,8 @@ impl<'a> Package<'a> {
 }
 
 impl Policy {
-    /// Whether the accepted licences satisfy the package's whole expression. A package that names no licence has a file
-    /// instead; its exception says what that file is.
+    /// Whether the accepted licences satisfy the package's whole expression. A package that names
+    /// no licence has a file instead; its exception says what that file is.
     fn accepts(&self, package: &Package<'_>) -> bool {
         let own = || self.exceptions.iter().filter(|e| e.package == package.name);
         if package.licence.is_empty() {
@@ -114,7 +115,8 @@ fn every_licence_is_accepted_and_every_exception_is_needed() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let deny = fs::read_to_string(root.join("deny.toml")).unwrap();
     let policy = toml::from_str::<Deny>(&deny).unwrap().licenses;
-    // Packages for other platforms than this computer and the board are downloaded for this check alone.
+    // Packages for other platforms than this computer and the board are downloaded for this check
+    // alone.
     let lines = tree(&root, &["--target", "all"]).or_else(|reason| {
         eprintln!("without the packages of other platforms: {reason}");
         let board = "thumbv7em-none-eabihf";

@@ -1,5 +1,5 @@
-//! The scheduler of the I2C bus: which unit uses it next, and the recovery after a failure. Pure: the hardware
-//! half executes the actions of [`Bus::next`] and reports their results.
+//! The scheduler of the I2C bus: which unit uses it next, and the recovery after a failure. Pure:
+//! the hardware half executes the actions of [`Bus::next`] and reports their results.
 //!
 //! | file | concern |
 //! | --- | --- |
@@ -10,43 +10,48 @@
 //! | `recovery.rs` | rounds of recovery, stuck bus |
 //!
 //! # Order of service
-//! 1. A unit with a sample ready: first the unit whose multiplexer channel is already selected, else the unit that
-//!    has waited longest. No unit can starve another: each has at most one sample waiting, and six services (190 us
-//!    each) fit twice into the shortest sample period (2,900 us).
+//! 1. A unit with a sample ready: first the unit whose multiplexer channel is already selected,
+//!    else the unit that has waited longest. No unit can starve another: each has at most one
+//!    sample waiting, and six services (190 us each) fit twice into the shortest sample period
+//!    (2,900 us).
 //! 2. A step of a converter's bring-up, if no sample is due within [`SEQUENCE_ROOM_US`]; after
-//!    [`SEQUENCE_PATIENCE_US`] of waiting it runs anyway. All six bring-ups advance concurrently, their calibrations
-//!    overlap, and streaming units continue to stream.
-//! 3. Preparation of the next sample: the register pointer of the converter that was read last is set back to its
-//!    result (a read leaves it behind the result), then the multiplexer selects the channel of the converter due
-//!    next. A sample then needs neither: 92 us on the bus instead of 190, with bus time that was idle.
+//!    [`SEQUENCE_PATIENCE_US`] of waiting it runs anyway. All six bring-ups advance concurrently,
+//!    their calibrations overlap, and streaming units continue to stream.
+//! 3. Preparation of the next sample: the register pointer of the converter that was read last is
+//!    set back to its result (a read leaves it behind the result), then the multiplexer selects the
+//!    channel of the converter due next. A sample then needs neither: 92 us on the bus instead of
+//!    190, with bus time that was idle.
 //!
-//! A mask is read back before anything else uses the bus, if no sample is due within [`READ_BACK_ROOM_US`]: a bit that changed on
-//! its way would connect another converter, or two.
+//! A mask is read back before anything else uses the bus, if no sample is due within
+//! [`READ_BACK_ROOM_US`]: a bit that changed on its way would connect another converter, or two.
 //!
-//! The NAU7802 extract at hand does not state that a converter keeps its register pointer over a STOP; published
-//! drivers write the pointer and read in two transactions with a STOP between them. Nor does it state that the result is
-//! latched at the read: if it is latched when the pointer is written, each sample is one period old.
-//! [`Bus::set_pointer_ahead`] switches this part off, and docs/bring-up.md has the measurement that tells. After any failure on
-//! the bus no pointer is assumed to be set.
+//! The NAU7802 extract at hand does not state that a converter keeps its register pointer over a
+//! STOP; published drivers write the pointer and read in two transactions with a STOP between them.
+//! Nor does it state that the result is latched at the read: if it is latched when the pointer is
+//! written, each sample is one period old. [`Bus::set_pointer_ahead`] switches this part off, and
+//! docs/bring-up.md has the measurement that tells. After any failure on the bus no pointer is
+//! assumed to be set.
 //!
 //! # Failures
-//! A NACK behind the multiplexer causes one retry with a fresh select (the cached channel is unknown after any
-//! failure). Every other failure (bus error, lost arbitration, a transaction past its deadline) starts a recovery.
-//! Each of its steps takes a few microseconds of an interrupt; none waits:
+//! A NACK behind the multiplexer causes one retry with a fresh select (the cached channel is
+//! unknown after any failure). Every other failure (bus error, lost arbitration, a transaction past
+//! its deadline) starts a recovery. Each of its steps takes a few microseconds of an interrupt;
+//! none waits:
 //!
 //! 1. the lines as GPIO, up to nine clocks until SDA is free, STOP (UM10204 section 3.1.16);
-//! 2. if that did not free SDA, or another failure came before any transaction worked: RESET of the multiplexer,
-//!    and the clocks again, now without the modules behind it;
+//! 2. if that did not free SDA, or another failure came before any transaction worked: RESET of the
+//!    multiplexer, and the clocks again, now without the modules behind it;
 //! 3. channel unknown: the next transaction selects again;
-//! 4. a unit that continues to fail is reported, switched off by the supervisor and brought up from the start when
-//!    its fault is cleared.
+//! 4. a unit that continues to fail is reported, switched off by the supervisor and brought up from
+//!    the start when its fault is cleared.
 //!
 //! A bus that is still blocked after [`STUCK_AFTER`] rounds is reported as stuck and retried every
 //! [`STUCK_PAUSE_US`].
 //!
 //! # Missed deadline
-//! A sample that is not read before the next conversion ends is lost: the converter overwrites it. The interval
-//! between DRDY edges shows it; it is counted in [`Event::Sample::missed`] of the next sample.
+//! A sample that is not read before the next conversion ends is lost: the converter overwrites it.
+//! The interval between DRDY edges shows it; it is counted in [`Event::Sample::missed`] of the next
+//! sample.
 
 mod recovery;
 mod schedule;
@@ -62,8 +67,8 @@ use drivers::tca9548::{Address, ChannelMask, Selector};
 use recovery::Recovery;
 use unit::{Next, Phase, Unit};
 
-/// A step of a bring-up starts only if no sample is due within this time, in microseconds: select and the
-/// longest step, 50 + 100 us, and 50 us to select back.
+/// A step of a bring-up starts only if no sample is due within this time, in microseconds: select
+/// and the longest step, 50 + 100 us, and 50 us to select back.
 pub const SEQUENCE_ROOM_US: i32 = 200;
 /// Longest time that a step of a bring-up waits for a gap, in microseconds.
 pub const SEQUENCE_PATIENCE_US: u32 = 5_000;
@@ -73,7 +78,8 @@ pub const STUCK_AFTER: u16 = 4;
 pub const STUCK_PAUSE_US: u32 = 20_000;
 /// A mask is read back only if no sample is due within this time, in microseconds: it takes 50.
 pub const READ_BACK_ROOM_US: i32 = 100;
-/// Selects in a row that the multiplexer does not acknowledge, or reads back otherwise, before it is reset and reported.
+/// Selects in a row that the multiplexer does not acknowledge, or reads back otherwise, before it
+/// is reset and reported.
 pub const MAX_MUX_NACKS: u8 = 3;
 
 const PERIOD_US: u32 = control::NOMINAL_PERIOD_US;
@@ -146,9 +152,10 @@ impl Bus {
         }
     }
 
-    /// Whether register pointers are written ahead of the samples. Without it each sample writes the pointer itself, some
-    /// 50 us later. A converter that latches its result when the pointer is written would give samples that are one period
-    /// old; the module's page and docs/bring-up.md have the details.
+    /// Whether register pointers are written ahead of the samples. Without it each sample writes
+    /// the pointer itself, some 50 us later. A converter that latches its result when the pointer
+    /// is written would give samples that are one period old; the module's page and
+    /// docs/bring-up.md have the details.
     pub fn set_pointer_ahead(&mut self, ahead: bool) {
         self.pointer_ahead = ahead;
         if !ahead {
@@ -188,12 +195,13 @@ impl Bus {
             if slot.ready.is_some() && interval < period / 2 {
                 return; // the tick has already reported this edge
             }
-            // The line stays high until its result is read: a dip in it looks like an edge. The next true edge after one that the tick
-            // reported late is no earlier than 0.4 periods.
+            // The line stays high until its result is read: a dip in it looks like an edge. The
+            // next true edge after one that the tick reported late is no earlier than 0.4 periods.
             if interval < period / 4 {
                 return;
             }
-            // Edges in this interval, this one included; a shift-free rounding of interval / period.
+            // Edges in this interval, this one included; a shift-free rounding of interval /
+            // period.
             let mut edges = 0;
             let mut rest = interval + period / 2;
             while rest >= period && edges < 255 {
@@ -202,7 +210,8 @@ impl Bus {
             }
             if edges == 1 {
                 let average = slot.period_q4 - (slot.period_q4 >> 4) + interval;
-                // A converter is within 3 % of its nominal rate. An interval beyond 6 % is not its period.
+                // A converter is within 3 % of its nominal rate. An interval beyond 6 % is not its
+                // period.
                 slot.period_q4 = average.clamp(PERIOD_US * 15, PERIOD_US * 17);
             }
             slot.missed = slot.missed.saturating_add(u8::saturating_sub(edges, 1));
@@ -213,8 +222,8 @@ impl Bus {
         sink.event(Event::Edge { unit });
     }
 
-    /// Call it once a millisecond: checks deadlines, and finds edges that caused no interrupt. `drdy`: the units whose line
-    /// is high.
+    /// Call it once a millisecond: checks deadlines, and finds edges that caused no interrupt.
+    /// `drdy`: the units whose line is high.
     pub fn tick(&mut self, now: Micros, drdy: UnitSet, sink: &mut impl Sink) {
         self.check_deadline(now, sink);
         let reading = match self.current {
@@ -227,18 +236,20 @@ impl Bus {
             if !high || unit.ready.is_some() || reading == Some(n) {
                 continue;
             }
-            // High without a sample that waits: its edge was lost, or its read went to another converter,
-            // behind a mask that changed on its way and that another one followed before it was read
-            // back. Then that converter's pointer has moved, so none is trusted.
+            // High without a sample that waits: its edge was lost, or its read went to another
+            // converter, behind a mask that changed on its way and that another one followed before
+            // it was read back. Then that converter's pointer has moved, so none is trusted.
             astray = true;
             match unit.last_edge {
-                // A line that is high before the first edge shows a result from before the start, or none at all: whether a
-                // start lowers DRDY is not documented. It is read, which lowers the line, and its code is dropped.
+                // A line that is high before the first edge shows a result from before the start,
+                // or none at all: whether a start lowers DRDY is not documented. It is read, which
+                // lowers the line, and its code is dropped.
                 None => {
                     unit.ready = Some(now);
                     unit.left_over = true;
                 }
-                // The line stays high until the result is read: a high line without an edge is a lost edge.
+                // The line stays high until the result is read: a high line without an edge is a
+                // lost edge.
                 Some(last) if now.since(last) > PERIOD_US + PERIOD_US / 4 => {
                     unit.missed = unit.missed.saturating_add(1);
                     unit.last_edge = Some(now);
@@ -293,8 +304,8 @@ impl Bus {
         self.current.is_some()
     }
 
-    /// The next action of the hardware. Call it after every other call. `None`: no work, or an action is in
-    /// progress.
+    /// The next action of the hardware. Call it after every other call. `None`: no work, or an
+    /// action is in progress.
     pub fn next(&mut self, now: Micros, sink: &mut impl Sink) -> Option<Work> {
         if self.stepping {
             return None;
@@ -460,7 +471,8 @@ impl Bus {
                         unit,
                         in_a_row: slot.failures,
                     });
-                    // One retry for the same sample; after a second failure the next edge is awaited.
+                    // One retry for the same sample; after a second failure the next edge is
+                    // awaited.
                     if !slot.failures.is_multiple_of(2) && slot.ready.is_none() {
                         slot.ready = Some(at);
                         slot.left_over = left_over;

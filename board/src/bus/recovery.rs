@@ -1,5 +1,5 @@
-//! Recovery of the bus: when a round starts, what a stuck bus reports, and the pause between rounds. The steps of a
-//! round are those of [`drivers::tca9548::recovery`].
+//! Recovery of the bus: when a round starts, what a stuck bus reports, and the pause between
+//! rounds. The steps of a round are those of [`drivers::tca9548::recovery`].
 
 use super::types::{Event, Sink, Work};
 use super::{Bus, STUCK_AFTER, STUCK_PAUSE_US};
@@ -21,7 +21,8 @@ pub(super) enum Recovery {
 }
 
 impl Bus {
-    /// The next step of the recovery. `None`: the recovery is over (`self.recovery` is `None`) or pauses.
+    /// The next step of the recovery. `None`: the recovery is over (`self.recovery` is `None`) or
+    /// pauses.
     pub(super) fn recover(&mut self, now: Micros, sink: &mut impl Sink) -> Option<Work> {
         loop {
             match self.recovery.as_mut()? {
@@ -30,7 +31,8 @@ impl Bus {
                     sink.event(Event::Recovery);
                     self.mux.invalidate();
                     self.recovery = Some(Recovery::Running {
-                        // A failure before any transaction has worked: the clocks alone did not help.
+                        // A failure before any transaction has worked: the clocks alone did not
+                        // help.
                         round: recovery::Recovery::new(self.rounds > 1),
                         sda_high: true,
                     });

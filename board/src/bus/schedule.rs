@@ -65,8 +65,9 @@ impl Bus {
         longest.map(|(n, _)| n)
     }
 
-    /// The selected unit, if the register pointer of its converter does not address the result. Not while it settles: a converter
-    /// that latches its result when the pointer is written would then give the last unsettled result as the first sample.
+    /// The selected unit, if the register pointer of its converter does not address the result. Not
+    /// while it settles: a converter that latches its result when the pointer is written would then
+    /// give the last unsettled result as the first sample.
     pub(super) fn unit_without_pointer(&self) -> Option<UnitIndex> {
         let MuxState::Known(mask) = self.mux.state() else {
             return None;

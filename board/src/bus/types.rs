@@ -1,5 +1,5 @@
-//! Types between the scheduler and its callers: transactions and line levels for the hardware, events for the
-//! superloop.
+//! Types between the scheduler and its callers: transactions and line levels for the hardware,
+//! events for the superloop.
 
 use control::{Micros, UnitIndex};
 use drivers::nau7802::{AdcCode, SequenceError};
@@ -62,16 +62,19 @@ pub enum TransferError {
 pub enum Work {
     /// Start this transaction and report [`super::Bus::finished`].
     Transfer(Transfer),
-    /// Disable the controller and take SCL and SDA as open-drain GPIO, both released. Call [`super::Bus::next`] again at once.
+    /// Disable the controller and take SCL and SDA as open-drain GPIO, both released. Call
+    /// [`super::Bus::next`] again at once.
     TakeLines,
-    /// Set the lines to these levels; after [`crate::clocks::RECOVERY_STEP_US`] report [`super::Bus::stepped`].
+    /// Set the lines to these levels; after [`crate::clocks::RECOVERY_STEP_US`] report
+    /// [`super::Bus::stepped`].
     Lines {
         /// SCL released (high) or pulled low.
         scl: bool,
         /// SDA released or pulled low.
         sda: bool,
     },
-    /// Set RESET of the multiplexer to this level; after the same time report [`super::Bus::stepped`].
+    /// Set RESET of the multiplexer to this level; after the same time report
+    /// [`super::Bus::stepped`].
     MuxReset {
         /// `true`: low, the part is in reset.
         low: bool,
@@ -83,7 +86,8 @@ pub enum Work {
 /// Event for the superloop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// A conversion has ended and its result will follow. The encoder position of this sample is read now.
+    /// A conversion has ended and its result will follow. The encoder position of this sample is
+    /// read now.
     Edge {
         /// Unit.
         unit: UnitIndex,
@@ -127,7 +131,8 @@ pub enum Event {
         /// SDA is low.
         sda_low: bool,
     },
-    /// The multiplexer did not acknowledge [`super::MAX_MUX_NACKS`] selects in a row, or read back another mask as often.
+    /// The multiplexer did not acknowledge [`super::MAX_MUX_NACKS`] selects in a row, or read back
+    /// another mask as often.
     MuxSilent {
         /// Mask of the last one.
         mask: u8,

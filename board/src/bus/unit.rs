@@ -60,8 +60,8 @@ impl Unit {
         self.period_q4 >> 4
     }
 
-    /// Microseconds until the next expected edge (negative: overdue). `None`: no edge yet, or overdue by more than a
-    /// quarter of a period.
+    /// Microseconds until the next expected edge (negative: overdue). `None`: no edge yet, or
+    /// overdue by more than a quarter of a period.
     pub(super) fn due_in(&self, now: Micros) -> Option<i32> {
         let last = match (&self.phase, self.last_edge) {
             (Phase::Streaming, Some(last)) => last,

@@ -1,10 +1,11 @@
 //! The encoder counters' parallel bus: three LS7266R1 on port E (data) and port D (control).
 //!
-//! Owner: the superloop, at a unit's DRDY edge; no interrupt. A read of one counter is one write and three
-//! read cycles, 2 us altogether. The data lines are inputs except during a write cycle, and RD# is high
-//! whenever they are outputs, so board and counter never drive against each other.
+//! Owner: the superloop, at a unit's DRDY edge; no interrupt. A read of one counter is one write
+//! and three read cycles, 2 us altogether. The data lines are inputs except during a write cycle,
+//! and RD# is high whenever they are outputs, so board and counter never drive against each other.
 //!
-//! A missed deadline does not exist: the counters count by themselves; a late read is a later position.
+//! A missed deadline does not exist: the counters count by themselves; a late read is a later
+//! position.
 
 use super::gpio;
 use crate::pins::{self, Pin};
@@ -14,8 +15,8 @@ use drivers::ls7266r1::{
     Axis, Config, CounterValue, Direction, Ls7266r1, ParallelBus, Port, PositionTracker, Target,
 };
 
-// Times in core cycles at 400 MHz. The part's minima are WR# 45 ns, RD# 80 ns, 90 ns between reads: 18, 32
-// and 36 cycles. The register accesses around each come on top: 10 ns and more.
+// Times in core cycles at 400 MHz. The part's minima are WR# 45 ns, RD# 80 ns, 90 ns between reads:
+// 18, 32 and 36 cycles. The register accesses around each come on top: 10 ns and more.
 const WRITE_CYCLES: u32 = 24;
 const READ_CYCLES: u32 = 38;
 const RECOVERY_CYCLES: u32 = 38;
@@ -87,7 +88,8 @@ impl ParallelBus for Pins {
     }
 }
 
-/// What a counter is loaded with at its start. One that loses its supply begins elsewhere, most likely at 0.
+/// What a counter is loaded with at its start. One that loses its supply begins elsewhere, most
+/// likely at 0.
 const BEGIN: CounterValue = match CounterValue::new(0x55_5555) {
     Some(value) => value,
     None => CounterValue::ZERO,
@@ -119,8 +121,8 @@ const fn target(unit: UnitIndex) -> Target {
 }
 
 impl Counters {
-    /// Sets up and tests the counters. Returns them, and the number (from 1) of the first chip that does not
-    /// respond.
+    /// Sets up and tests the counters. Returns them, and the number (from 1) of the first chip that
+    /// does not respond.
     pub fn start() -> (Self, Option<u32>) {
         let mut counters = Self {
             chips: Ls7266r1::new(Pins),
@@ -146,9 +148,10 @@ impl Counters {
         works
     }
 
-    /// Position of a unit's motor, now, and whether its counter has lost its registers, as after a dip of its 5 V: it stands where no
-    /// motor can have brought it. Both counters of the chip are set up again then, and their positions go on from where they were.
-    /// Gives the detail of the fault, once.
+    /// Position of a unit's motor, now, and whether its counter has lost its registers, as after a
+    /// dip of its 5 V: it stands where no motor can have brought it. Both counters of the chip are
+    /// set up again then, and their positions go on from where they were. Gives the detail of the
+    /// fault, once.
     pub fn look(&mut self, unit: UnitIndex) -> (EncoderCounts, Option<u32>) {
         let lost = match (self.looked[unit as usize], self.chips.read(target(unit))) {
             (Some(before), Ok(now)) => {
@@ -190,8 +193,8 @@ impl Counters {
         })
     }
 
-    /// The FLAG register of a unit's counter if its E flag reports noise at the encoder's inputs. E is sticky:
-    /// it is cleared here, so that each event is reported once.
+    /// The FLAG register of a unit's counter if its E flag reports noise at the encoder's inputs. E
+    /// is sticky: it is cleared here, so that each event is reported once.
     pub fn noise(&mut self, unit: UnitIndex) -> Option<u8> {
         let target = target(unit);
         let flags = self.chips.flags(target).ok()?;

@@ -1,9 +1,11 @@
-//! The crash record: fault, detail and program counter of the run that ended, in memory that survives a reset.
+//! The crash record: fault, detail and program counter of the run that ended, in memory that
+//! survives a reset.
 //!
-//! Written by the panic handler, the processor's fault handlers and the handler of unused interrupts. [`fail`]
-//! first pulls the DACs' RST low with direct register writes (0 V on all motors, independent of the state of
-//! the rest of the firmware), then writes the record, then resets the processor. The next boot validates it by its
-//! magic number and CRC, latches it as a fault and sends it in the response to Hello.
+//! Written by the panic handler, the processor's fault handlers and the handler of unused
+//! interrupts. [`fail`] first pulls the DACs' RST low with direct register writes (0 V on all
+//! motors, independent of the state of the rest of the firmware), then writes the record, then
+//! resets the processor. The next boot validates it by its magic number and CRC, latches it as a
+//! fault and sends it in the response to Hello.
 
 use super::{gpio, watchdog};
 use control::Fault;
@@ -17,9 +19,9 @@ use wire::message::CrashRecord;
 /// "CRSH" in ASCII. Marks a record that was written completely up to its CRC.
 const MAGIC: u32 = 0x4352_5348;
 
-/// Whole words of 64 bits: the ECC of AXI SRAM works on such words, and keeps a write back until another word is accessed
-/// (section 2.4). So the record is aligned to them, its CRC does not share one with the words after it, and it is written
-/// word by word.
+/// Whole words of 64 bits: the ECC of AXI SRAM works on such words, and keeps a write back until
+/// another word is accessed (section 2.4). So the record is aligned to them, its CRC does not share
+/// one with the words after it, and it is written word by word.
 #[repr(C, align(8))]
 #[derive(Clone, Copy)]
 struct Record {
@@ -85,7 +87,8 @@ fn bytes(record: &Record) -> &[u8] {
     unsafe { core::slice::from_raw_parts(core::ptr::from_ref(record).cast(), length) }
 }
 
-/// Takes the crash record of the previous run. Without one, a watchdog or brown-out reset creates one.
+/// Takes the crash record of the previous run. Without one, a watchdog or brown-out reset creates
+/// one.
 pub fn take_crash_record(reset_flags: u32) -> Option<CrashRecord> {
     // RCC_RSR, section 8.7.40.
     const IWDG: u32 = 1 << 26;
@@ -166,7 +169,8 @@ fn store(record: &Record) {
     let from = core::ptr::from_ref(record).cast::<u64>();
     let to = core::ptr::addr_of_mut!(RECORD).cast::<u64>();
     for word in 0..core::mem::size_of::<Record>() / 8 {
-        // SAFETY: within both records, aligned; the caller is start-up, the superloop, or has disabled interrupts.
+        // SAFETY: within both records, aligned; the caller is start-up, the superloop, or has
+        // disabled interrupts.
         unsafe { to.add(word).write_volatile(from.add(word).read()) };
     }
     cortex_m::asm::dsb();

@@ -1,18 +1,20 @@
 //! The DACs: SPI1, chip selects, LDAC, RST.
 //!
-//! Owner: the SPI1 interrupt (level `SAMPLE_PATH`); the superloop writes words to one slot per unit; a
-//! newer word replaces one that was not sent yet.
+//! Owner: the SPI1 interrupt (level `SAMPLE_PATH`); the superloop writes words to one slot per
+//! unit; a newer word replaces one that was not sent yet.
 //!
-//! A word (section 50.4.9): CS low, one 16-bit frame in mode 3 at 12.5 MHz, interrupt at EOT, CS high while
-//! SCLK idles high (a CS that rises while SCLK is low would shift one more bit), then an LDAC pulse: the
-//! output moves 2 us after the word was handed over. AFCNTR keeps SCLK and MOSI driven between frames.
+//! A word (section 50.4.9): CS low, one 16-bit frame in mode 3 at 12.5 MHz, interrupt at EOT, CS
+//! high while SCLK idles high (a CS that rises while SCLK is low would shift one more bit), then an
+//! LDAC pulse: the output moves 2 us after the word was handed over. AFCNTR keeps SCLK and MOSI
+//! driven between frames.
 //!
-//! Nothing on the way to a DAC checks a word, and none can be read back. So every word is sent again each millisecond, behind
-//! new ones: a word that noise has changed acts for a millisecond at most instead of a sample's period.
+//! Nothing on the way to a DAC checks a word, and none can be read back. So every word is sent
+//! again each millisecond, behind new ones: a word that noise has changed acts for a millisecond at
+//! most instead of a sample's period.
 //!
-//! A missed deadline: a word that is not out after a millisecond means that SPI or its interrupt has stopped.
-//! The DACs' RST goes low, which sets 0 V on all motors without SPI, and the supervisor latches "DAC bus
-//! fault"; [`release`] comes after that is cleared.
+//! A missed deadline: a word that is not out after a millisecond means that SPI or its interrupt
+//! has stopped. The DACs' RST goes low, which sets 0 V on all motors without SPI, and the
+//! supervisor latches "DAC bus fault"; [`release`] comes after that is cleared.
 
 use super::pac::{self, interrupt, SPI1};
 use super::{gpio, startup, time, SamplePath};
@@ -50,8 +52,9 @@ fn spi1() -> &'static pac::spi1::RegisterBlock {
 
 /// Writes SPI1's mode; SPE must be 0.
 fn configure(spi: &pac::spi1::RegisterBlock) {
-    // SSI before MASTER: with software chip select and SSI = 0 a master sees itself deselected, which is
-    // a mode fault that switches it off again (section 50.4.10). CFG1 and CFG2 with SPE = 0.
+    // SSI before MASTER: with software chip select and SSI = 0 a master sees itself deselected,
+    // which is a mode fault that switches it off again (section 50.4.10). CFG1 and CFG2 while
+    // SPE is 0.
     spi.cr1().write(|w| w.ssi().slave_not_selected());
     spi.cfg1().write(|w| {
         // SAFETY: DSIZE = 15 is a frame of 16 bits; MBR is three bits, computed in `clocks`.
@@ -73,7 +76,8 @@ fn configure(spi: &pac::spi1::RegisterBlock) {
     });
 }
 
-/// Sets SPI1 up, loads 0 V into all six DACs while their RST is still low, releases it, and loads 0 V again.
+/// Sets SPI1 up, loads 0 V into all six DACs while their RST is still low, releases it, and loads 0
+/// V again.
 pub fn start() {
     configure(spi1());
     STATE.install(Dacs {
@@ -92,7 +96,8 @@ pub fn start() {
     load_zero();
 }
 
-/// Loads 0 V into all six and waits until the words are sent: 15 us, at start-up and after a fault only.
+/// Loads 0 V into all six and waits until the words are sent: 15 us, at start-up and after a fault
+/// only.
 fn load_zero() {
     take_done();
     for unit in UnitIndex::ALL {
@@ -139,8 +144,8 @@ pub fn release() {
     load_zero();
 }
 
-/// Sets SPI1 up again after one of its registers or pins had changed. The word that was on its way is dropped, and all words
-/// are 0 V until new ones come. The caller holds RST low.
+/// Sets SPI1 up again after one of its registers or pins had changed. The word that was on its way
+/// is dropped, and all words are 0 V until new ones come. The caller holds RST low.
 pub fn restart() {
     STATE.masked(|dacs| {
         dacs.abort();
@@ -207,7 +212,8 @@ impl Dacs {
         // SAFETY: one frame.
         spi.cr2().write(|w| unsafe { w.tsize().bits(1) });
         spi.cr1().modify(|_, w| w.spe().enabled());
-        // EOTIE arms TXC too, which stands while SPE = 0 (errata ES0392 2.22.4): only while a word is out.
+        // EOTIE arms TXC too, which stands while SPE = 0 (errata ES0392 2.22.4): only while a word
+        // is out.
         spi.ier().write(|w| w.eotie().enabled());
         // A 16-bit access: a wider one would put a second frame into the FIFO (section 50.4.8).
         // SAFETY: any word.
@@ -237,7 +243,8 @@ fn SPI1() {
                     dacs.done_at[unit as usize] = time::now();
                 }
             }
-            // Only now: switched off too soon after EOT, the last SCLK pulse would be cut (errata 2.22.6).
+            // Only now: switched off too soon after EOT, the last SCLK pulse would be cut (errata
+            // 2.22.6).
             spi.cr1().modify(|_, w| w.spe().disabled());
             dacs.send_next();
         });

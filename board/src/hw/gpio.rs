@@ -1,9 +1,9 @@
 //! Pins, out of the table in [`crate::pins`].
 //!
-//! Shared by all modules. Modes are set once at start-up (SCL and SDA again during a bus recovery, the
-//! counters' data bus at each access); levels change through BSRR, which is atomic by itself. No interrupt
-//! of its own. Setting and resetting the same pin in one BSRR write sets it (section 11.4.7), so a write
-//! here holds one or the other.
+//! Shared by all modules. Modes are set once at start-up (SCL and SDA again during a bus recovery,
+//! the counters' data bus at each access); levels change through BSRR, which is atomic by itself.
+//! No interrupt of its own. Setting and resetting the same pin in one BSRR write sets it (section
+//! 11.4.7), so a write here holds one or the other.
 
 use super::pac::{self, gpioa::RegisterBlock, RCC};
 use crate::pins::{self, Mode, Pin, Port};
@@ -67,8 +67,8 @@ pub fn set_output(pin: Pin, output: bool) {
     set_mode(pin, if output { OUTPUT } else { ALTERNATE });
 }
 
-/// Turns clocks of all used ports on and drives the DACs' RST low: the first thing that the firmware does,
-/// and what the panic handler does, on registers alone, from any state.
+/// Turns clocks of all used ports on and drives the DACs' RST low: the first thing that the
+/// firmware does, and what the panic handler does, on registers alone, from any state.
 pub fn hold_dacs_at_zero() {
     // SAFETY: RCC is shared, but this runs before anything else does or after everything has ended.
     let rcc = unsafe { &*RCC::PTR };
@@ -90,7 +90,8 @@ pub fn hold_dacs_at_zero() {
             .gpiohen()
             .enabled()
     });
-    // A clock needs two cycles of the bus before its peripheral answers (section 8.5.11): read it back.
+    // A clock needs two cycles of the bus before its peripheral answers (section 8.5.11): read it
+    // back.
     let _ = rcc.ahb4enr().read();
     write(pins::DAC_RST, false);
     set_mode(pins::DAC_RST, OUTPUT);

@@ -15,9 +15,11 @@
 //! | [`watchdog`] | IWDG, the alive line | |
 //! | [`crash_record`] | the crash record in memory that survives a reset | |
 //!
-//! The handlers of panics, HardFault and unused interrupts are in `fault_handlers.rs` of the binary.
+//! The handlers of panics, HardFault and unused interrupts are in `fault_handlers.rs` of the
+//! binary.
 //!
-//! Section numbers are those of RM0433 rev 8, "PM" those of the Cortex-M7 programming manual PM0253.
+//! Section numbers are those of RM0433 rev 8, "PM" those of the Cortex-M7 programming manual
+//! PM0253.
 
 pub mod counters;
 pub mod crash_record;
@@ -39,8 +41,8 @@ use core::cell::UnsafeCell;
 
 /// State that the interrupts of level [`SAMPLE_PATH`](crate::clocks::priority::SAMPLE_PATH) share.
 ///
-/// They cannot preempt each other, so no lock is needed among them. The superloop has a lower priority and accesses
-/// the state with interrupts masked.
+/// They cannot preempt each other, so no lock is needed among them. The superloop has a lower
+/// priority and accesses the state with interrupts masked.
 pub struct SamplePath<T>(UnsafeCell<Option<T>>);
 
 // SAFETY: one core; `in_interrupt` and `masked` exclude each other as their contracts say.
@@ -72,8 +74,8 @@ impl<T> SamplePath<T> {
     /// Runs `f` on the state from an interrupt.
     ///
     /// # Safety
-    /// Only from handlers of level `SAMPLE_PATH`, and never from within another `in_interrupt` or `masked`
-    /// of the same state.
+    /// Only from handlers of level `SAMPLE_PATH`, and never from within another `in_interrupt` or
+    /// `masked` of the same state.
     pub unsafe fn in_interrupt<R>(&self, f: impl FnOnce(&mut T) -> R) -> Option<R> {
         // SAFETY: by the caller's contract; thread mode is preempted outside its masked sections.
         unsafe { (*self.0.get()).as_mut() }.map(f)

@@ -1,16 +1,20 @@
-//! The watch on the controller's own configuration: registers that start-up wrote and that nothing may change afterwards.
+//! The watch on the controller's own configuration: registers that start-up wrote and that nothing
+//! may change afterwards.
 //!
-//! Owner: the supervisor, each millisecond. No interrupt. A single bit of SPI1's mode makes another word of every word that a
-//! DAC gets, and nothing else would notice: the words go out in time, and no word can be read back.
+//! Owner: the supervisor, each millisecond. No interrupt. A single bit of SPI1's mode makes another
+//! word of every word that a DAC gets, and nothing else would notice: the words go out in time, and
+//! no word can be read back.
 //!
-//! [`Registers::start`] notes the registers at the end of start-up. SPI1's mode and what decides where the receiving DMA stream
-//! writes are compared each millisecond, all others in turn within [`TURN_CALLS`](crate::register_table::TURN_CALLS) milliseconds. What the
-//! firmware itself changes while it runs is left out bit by bit: SPE and CSTART of SPI1, PE of I2C1, the pins of a bus recovery
-//! and of the counters' data bus, the alarm of TIM2, the mask of the USB interrupt, the clock of the CRS. So is what only a
-//! debugger uses.
+//! [`Registers::start`] notes the registers at the end of start-up. SPI1's mode and what decides
+//! where the receiving DMA stream writes are compared each millisecond, all others in turn within
+//! [`TURN_CALLS`](crate::register_table::TURN_CALLS) milliseconds. What the firmware itself changes
+//! while it runs is left out bit by bit: SPE and CSTART of SPI1, PE of I2C1, the pins of a bus
+//! recovery and of the counters' data bus, the alarm of TIM2, the mask of the USB interrupt, the
+//! clock of the CRS. So is what only a debugger uses.
 //!
-//! At a difference the DACs' RST goes low at once, from any state of the ports; then clocks, pins and SPI1, which 0 V needs,
-//! and the receiving stream are set up again. The supervisor latches "register changed". RST is released after that is cleared.
+//! At a difference the DACs' RST goes low at once, from any state of the ports; then clocks, pins
+//! and SPI1, which 0 V needs, and the receiving stream are set up again. The supervisor latches
+//! "register changed". RST is released after that is cleared.
 
 use super::pac::{self, Interrupt};
 use super::usart::Usart;
@@ -57,7 +61,8 @@ pub struct Registers {
 }
 
 fn read(address: u32) -> u32 {
-    // SAFETY: addresses of the table, which are registers whose reading changes nothing that is used.
+    // SAFETY: addresses of the table, which are registers whose reading changes nothing that is
+    // used.
     unsafe { (address as *const u32).read_volatile() }
 }
 
@@ -88,8 +93,8 @@ impl Registers {
         watch
     }
 
-    /// Compares the registers that are due; call it once a millisecond. Returns the address of a register that does not have
-    /// its value, until two whole turns have found none.
+    /// Compares the registers that are due; call it once a millisecond. Returns the address of a
+    /// register that does not have its value, until two whole turns have found none.
     pub fn check(&mut self, usart: &mut Usart) -> Option<u32> {
         if self.table.check(read).is_some() {
             self.make_safe(usart);
@@ -97,14 +102,16 @@ impl Registers {
         self.table.differs()
     }
 
-    /// RST low, then everything set up again that 0 V on the motors needs, and the stream that writes to memory.
+    /// RST low, then everything set up again that 0 V on the motors needs, and the stream that
+    /// writes to memory.
     fn make_safe(&self, usart: &mut Usart) {
         gpio::hold_dacs_at_zero();
         cortex_m::interrupt::free(|_| {
             for entry in self.table.entries() {
                 let found = read(entry.address);
                 if is_restored(entry.address) && !entry.holds(found) {
-                    // SAFETY: a clock's enable or a pin's setting as start-up wrote it; both may be written at any time.
+                    // SAFETY: a clock's enable or a pin's setting as start-up wrote it; both may be
+                    // written at any time.
                     unsafe { (entry.address as *mut u32).write_volatile(entry.restored(found)) };
                 }
             }
@@ -219,7 +226,8 @@ impl Registers {
                 &*pac::IWDG::PTR,
             )
         };
-        // The enable bits: HSI, its divider, CSI, HSI48, HSE with bypass and security system, PLLs (section 8.7.2).
+        // The enable bits: HSI, its divider, CSI, HSI48, HSE with bypass and security system, PLLs
+        // (section 8.7.2).
         self.add(at!(rcc.cr()), 0x151D_129B);
         // CRSEN is set once a USB host gives an address.
         const CRSEN: u32 = 1 << 1;
@@ -256,8 +264,8 @@ impl Registers {
             (at!(rcc.apb1llpenr()), ALL),
             (at!(rcc.apb2lpenr()), ALL),
             (at!(rcc.apb4lpenr()), ALL),
-            // LPDS, PVDE, DBP, FLPS, SVOS, AVDEN (section 6.8.1); BYPASS, LDOEN, SCUEN, USB33DEN, USBREGEN (6.8.4); PDDS,
-            // RUN_D3 (6.8.5); VOS (6.8.6).
+            // LPDS, PVDE, DBP, FLPS, SVOS, AVDEN (section 6.8.1); BYPASS, LDOEN, SCUEN, USB33DEN,
+            // USBREGEN (6.8.4); PDDS, RUN_D3 (6.8.5); VOS (6.8.6).
             (at!(pwr.cr1()), 0x0001_C311),
             (at!(pwr.cr3()), 0x0300_0007),
             (at!(pwr.cpucr()), 0x0000_0807),
@@ -355,7 +363,8 @@ impl Registers {
     }
 }
 
-/// Whether a register is written again when it differs: the pins, and the resets and enables of clocks.
+/// Whether a register is written again when it differs: the pins, and the resets and enables of
+/// clocks.
 fn is_restored(address: u32) -> bool {
     // SAFETY: addresses only.
     let rcc = unsafe { &*pac::RCC::PTR };

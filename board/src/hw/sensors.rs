@@ -1,24 +1,28 @@
 //! The load-cell converters: DRDY edges, the I2C controller, and the bus scheduler that joins them.
 //!
-//! Owner: the interrupts of level `SAMPLE_PATH`, which share the state below without locks. Thread mode
-//! takes events from a queue and sets bits in an atomic word, so it never masks an interrupt here.
+//! Owner: the interrupts of level `SAMPLE_PATH`, which share the state below without locks. Thread
+//! mode takes events from a queue and sets bits in an atomic word, so it never masks an interrupt
+//! here.
 //!
-//! * EXTI0 to 4, EXTI9_5: rising edge of a DRDY line. Ignored where the line is low again: a conversion holds it high until
-//!   its result is read, so a short pulse is noise. Otherwise records the time, passes the unit to the scheduler and wakes the
-//!   superloop, which reads the encoder during the I2C read. Line 8 is the E-stop loop: its falling edge (the
-//!   loop opened) only records the time for the fault's detail. The supervisor polls the level.
-//! * I2C1_EV: next byte; at the STOP the sample goes onto the queue and the next transaction starts.
-//! * I2C1_ER: lost arbitration, overrun: the scheduler starts its recovery. A bus error is cleared and ignored.
+//! * EXTI0 to 4, EXTI9_5: rising edge of a DRDY line. Ignored where the line is low again: a
+//!   conversion holds it high until its result is read, so a short pulse is noise. Otherwise
+//!   records the time, passes the unit to the scheduler and wakes the superloop, which reads the
+//!   encoder during the I2C read. Line 8 is the E-stop loop: its falling edge (the loop opened)
+//!   only records the time for the fault's detail. The supervisor polls the level.
+//! * I2C1_EV: next byte; at the STOP the sample goes onto the queue and the next transaction
+//!   starts.
+//! * I2C1_ER: lost arbitration, overrun: the scheduler starts its recovery. A bus error is cleared
+//!   and ignored.
 //! * TIM2: next step of a recovery, 5 us after the last.
 //! * SysTick ([`super::tick`]): deadlines, units to start and stop, lost edges.
 //!
-//! A missed deadline: a transaction that is not complete after 300 us is aborted at the next DRDY edge or
-//! millisecond, whichever comes first, the bus is recovered within 150 us, and the sample is read again. The
-//! other units lose nothing: their results wait in their converters for 2.9 ms.
+//! A missed deadline: a transaction that is not complete after 300 us is aborted at the next DRDY
+//! edge or millisecond, whichever comes first, the bus is recovered within 150 us, and the sample
+//! is read again. The other units lose nothing: their results wait in their converters for 2.9 ms.
 //!
-//! The controller (section 47.4): a write of one or two bytes; if bytes are to be read, the write ends
-//! without STOP (AUTOEND = 0, flag TC) and a read with a repeated START follows. After a NACK the
-//! controller sends the STOP by itself, so every transaction ends with STOPF.
+//! The controller (section 47.4): a write of one or two bytes; if bytes are to be read, the write
+//! ends without STOP (AUTOEND = 0, flag TC) and a read with a repeated START follows. After a NACK
+//! the controller sends the STOP by itself, so every transaction ends with STOPF.
 
 use super::pac::{EXTI, I2C1, SYSCFG};
 use super::{gpio, pac, startup, time, SamplePath};
@@ -31,14 +35,15 @@ use core::sync::atomic::{AtomicBool, AtomicU32};
 use heapless::spsc;
 use pac::interrupt;
 
-/// Capacity of the event queue plus one: edges and samples of six units, and the events of several failures.
+/// Capacity of the event queue plus one: edges and samples of six units, and the events of several
+/// failures.
 pub const QUEUE: usize = 32;
 
 /// The superloop's end of the queue.
 ///
-/// Both ends check that the queue has room at all, which it always has. The queue's own code divides by its size, which the
-/// compiler cannot see behind the reference; without the check each division has a panic behind it, and the sample
-/// path has none.
+/// Both ends check that the queue has room at all, which it always has. The queue's own code
+/// divides by its size, which the compiler cannot see behind the reference; without the check each
+/// division has a panic behind it, and the sample path has none.
 pub struct Events(spsc::Consumer<'static, Event>);
 
 impl Events {
@@ -119,7 +124,8 @@ pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
         nack: false,
     });
 
-    // TIMINGR and the filters with PE = 0 (section 47.4.5); analog filter on, digital off: reset values.
+    // TIMINGR and the filters with PE = 0 (section 47.4.5); analog filter on, digital off: reset
+    // values.
     let i2c = i2c1();
     // SAFETY: fields computed and tested in `clocks::i2c_timingr`.
     i2c.timingr()
@@ -218,8 +224,8 @@ const DRDY_LINES: u32 = 0x3F;
 const ESTOP_LINE: u32 = 1 << pins::E_STOP.number;
 
 fn i2c1() -> &'static pac::i2c1::RegisterBlock {
-    // SAFETY: registers at a fixed address; used by `start` before its interrupts run and by handlers
-    // of one priority afterwards.
+    // SAFETY: registers at a fixed address; used by `start` before its interrupts run and by
+    // handlers of one priority afterwards.
     unsafe { &*I2C1::PTR }
 }
 
@@ -260,8 +266,8 @@ pub fn tick() {
 
 impl Sensors {
     fn work(&mut self) {
-        // Each pass starts an action that ends with an interrupt, or switches the lines, which happens once at the
-        // start of a recovery and once at its end.
+        // Each pass starts an action that ends with an interrupt, or switches the lines, which
+        // happens once at the start of a recovery and once at its end.
         while let Some(work) = self.bus.next(time::now(), &mut self.queue) {
             match work {
                 Work::Transfer(transfer) => return self.begin(transfer),
@@ -361,7 +367,8 @@ impl Sensors {
         if flags.stopf().bit_is_set() {
             i2c.icr().write(|w| w.stopcf().clear());
             if self.nack {
-                // A byte may wait in TXDR that would start the next transaction: flush it (TXE = 1).
+                // A byte may wait in TXDR that would start the next transaction: flush it (TXE =
+                // 1).
                 i2c.isr().write(|w| w.txe().set_bit());
                 return Some(Err(TransferError::Nack));
             }
@@ -401,8 +408,9 @@ fn I2C1_ER() {
             i2c1()
                 .icr()
                 .write(|w| w.berrcf().clear().arlocf().clear().ovrcf().clear());
-            // A bus error in controller mode is spurious and the transfer continues (ES0392 2.19.4): only its flag is
-            // cleared. One that is real ends the transfer, which then misses its deadline.
+            // A bus error in controller mode is spurious and the transfer continues (ES0392
+            // 2.19.4): only its flag is cleared. One that is real ends the transfer, which then
+            // misses its deadline.
             if flags.arlo().bit_is_clear() && flags.ovr().bit_is_clear() {
                 return;
             }

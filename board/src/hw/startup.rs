@@ -1,18 +1,19 @@
 //! From reset to 400 MHz: supply, voltage scale, flash, clocks, caches, debug, priorities.
 //!
-//! Owner: `main`, once. The only waits of the firmware are here, and each is bounded: a clock that does not
-//! come up ends in a panic, which leaves the motors at 0 V, writes a crash record and resets the board. The HSE is the
-//! exception: without it the board runs from the HSI.
+//! Owner: `main`, once. The only waits of the firmware are here, and each is bounded: a clock that
+//! does not come up ends in a panic, which leaves the motors at 0 V, writes a crash record and
+//! resets the board. The HSE is the exception: without it the board runs from the HSI.
 //!
-//! The order is that of sections 6.6.1 (supply), 6.6.2 (voltage scaling), 4.3.8 (flash before clock) and
-//! 8.5 (clock). ACTVOSRDY belongs to the supply configuration and VOSRDY to the scale: waiting for the
-//! wrong one hangs, or goes on too early.
+//! The order is that of sections 6.6.1 (supply), 6.6.2 (voltage scaling), 4.3.8 (flash before
+//! clock) and 8.5 (clock). ACTVOSRDY belongs to the supply configuration and VOSRDY to the scale:
+//! waiting for the wrong one hangs, or goes on too early.
 
 use super::pac::{self, CRS, FLASH, PWR, RCC};
 use crate::clocks::{self, priority};
 use cortex_m::peripheral::{MPU, NVIC, SCB};
 
-/// Reads of a flag before it counts as missing: some milliseconds at 64 MHz; the slowest, HSE, takes 2 ms.
+/// Reads of a flag before it counts as missing: some milliseconds at 64 MHz; the slowest, HSE,
+/// takes 2 ms.
 const PATIENCE: u32 = 1_000_000;
 
 /// Waits for a flag for a limited time.
@@ -40,8 +41,9 @@ pub fn revision(dbgmcu: &pac::DBGMCU) -> u16 {
     (dbgmcu.idc().read().bits() >> 16) as u16
 }
 
-/// Revision Y can return wrong data from AXI SRAM under some access patterns (ES0392 2.2.9, "Reading from AXI SRAM may lead
-/// to data read corruption"): READ_ISS_OVERRIDE of the SRAM's AXI target, at 0x5100_8108, prevents it.
+/// Revision Y can return wrong data from AXI SRAM under some access patterns (ES0392 2.2.9,
+/// "Reading from AXI SRAM may lead to data read corruption"): READ_ISS_OVERRIDE of the SRAM's AXI
+/// target, at 0x5100_8108, prevents it.
 pub fn axi_read_fix(silicon: u16) {
     if clocks::has_axi_read_defect(silicon) {
         // SAFETY: a register of the AXI interconnect (section 2.5.11) that nothing else writes.
@@ -57,8 +59,8 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> Clocks {
     let reset_flags = rcc.rsr().read().bits();
     rcc.rsr().modify(|_, w| w.rmvf().set_bit());
 
-    // Supply from the regulator (section 6.8.4). The low byte of CR3 can be written once after a power-on;
-    // after any other reset this write changes nothing.
+    // Supply from the regulator (section 6.8.4). The low byte of CR3 can be written once after a
+    // power-on; after any other reset this write changes nothing.
     pwr.cr3()
         .modify(|_, w| w.scuen().set_bit().ldoen().set_bit().bypass().clear_bit());
     wait("PWR ACTVOSRDY", || {
@@ -79,8 +81,9 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> Clocks {
         flash.acr().read().latency().bits() == latency
     });
 
-    // HSE in bypass: the ST-Link drives OSC_IN (section 8.5.2). Without its clock the board starts from the HSI, which runs
-    // out of reset: sensors, outputs and the serial link work with its 1 %.
+    // HSE in bypass: the ST-Link drives OSC_IN (section 8.5.2). Without its clock the board starts
+    // from the HSI, which runs out of reset: sensors, outputs and the serial link work with its 1
+    // %.
     rcc.cr().modify(|_, w| w.hsebyp().bypassed());
     rcc.cr().modify(|_, w| w.hseon().on().hsi48on().on());
     let hse = wait_for(PATIENCE, || rcc.cr().read().hserdy().bit_is_set());
@@ -149,8 +152,8 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> Clocks {
             .hsi48()
     });
 
-    // Peripheral clocks (sections 8.7.38 to 8.7.48). SYSCFG routes EXTI lines; without its clock the
-    // routing is silently dropped.
+    // Peripheral clocks (sections 8.7.38 to 8.7.48). SYSCFG routes EXTI lines; without its clock
+    // the routing is silently dropped.
     rcc.apb4enr().modify(|_, w| w.syscfgen().enabled());
     rcc.apb1lenr()
         .modify(|_, w| w.tim2en().enabled().i2c1en().enabled().usart3en().enabled());
@@ -174,11 +177,12 @@ pub fn usb_supply(rcc: &RCC, pwr: &PWR) -> bool {
     true
 }
 
-/// Lets HSI48 follow the host's start-of-frame, 1 kHz (section 9.4): the reset values of CFGR are made for
-/// exactly that, with the source at the second OTG core (SYNCSRC = 3). Without a host there is nothing to
-/// follow, and the factory's trimming is good enough to be enumerated.
+/// Lets HSI48 follow the host's start-of-frame, 1 kHz (section 9.4): the reset values of CFGR are
+/// made for exactly that, with the source at the second OTG core (SYNCSRC = 3). Without a host
+/// there is nothing to follow, and the factory's trimming is good enough to be enumerated.
 pub fn trim_usb_clock() {
-    // SAFETY: nothing else uses CRS; the enable bit of RCC is set after start-up by this function alone.
+    // SAFETY: nothing else uses CRS; the enable bit of RCC is set after start-up by this function
+    // alone.
     let (rcc, crs) = unsafe { (&*RCC::PTR, &*CRS::PTR) };
     rcc.apb1henr().modify(|_, w| w.crsen().enabled());
     let _ = rcc.apb1henr().read();
@@ -192,17 +196,18 @@ pub fn trim_usb_clock() {
 pub const STACK_GUARD: u32 = 1 << STACK_GUARD_BITS;
 const STACK_GUARD_BITS: u32 = 10;
 
-/// Regions of the MPU (PM0253 section 4.6): flash is read only, nothing is executed from RAM, and two regions let
-/// nothing in: a null pointer would read and write ITCM RAM, which exists and which the firmware does not use; a
-/// stack that grows to its end would need memory below DTCM. Elsewhere the default map holds. Any other access is a
-/// HardFault, in whose handler the MPU is off. The emulation takes the fast way only to memory in a region.
+/// Regions of the MPU (PM0253 section 4.6): flash is read only, nothing is executed from RAM, and
+/// two regions let nothing in: a null pointer would read and write ITCM RAM, which exists and which
+/// the firmware does not use; a stack that grows to its end would need memory below DTCM. Elsewhere
+/// the default map holds. Any other access is a HardFault, in whose handler the MPU is off. The
+/// emulation takes the fast way only to memory in a region.
 pub fn guards(mpu: &mut MPU) {
     extern "C" {
         static _stack_end: u8;
     }
     let stack_end = core::ptr::addr_of!(_stack_end) as u32;
-    // XN; AP: read only, full, or no access; TEX, C and B as in the default map: write-through, or write-back with
-    // allocation.
+    // XN; AP: read only, full, or no access; TEX, C and B as in the default map: write-through, or
+    // write-back with allocation.
     const READ_ONLY: u32 = 0b110 << 24 | 1 << 17;
     const DATA: u32 = 1 << 28 | 0b011 << 24 | 1 << 19 | 1 << 17 | 1 << 16;
     const NOTHING: u32 = 1 << 28;
@@ -215,8 +220,8 @@ pub fn guards(mpu: &mut MPU) {
         (stack_end, STACK_GUARD_BITS, NOTHING),
     ];
     for (number, (base, bits, attributes)) in (0..).zip(regions) {
-        // SAFETY: the linker places code in the first region, data in the second and the stack in the third; no code
-        // touches the last two. Each base is a multiple of its size.
+        // SAFETY: the linker places code in the first region, data in the second and the stack in
+        // the third; no code touches the last two. Each base is a multiple of its size.
         unsafe {
             mpu.rnr.write(number);
             mpu.rbar.write(base);
@@ -237,8 +242,8 @@ pub fn caches(scb: &mut SCB) {
     scb.enable_icache();
 }
 
-/// Keeps the debug port alive in WFI, which would otherwise cut a probe off (section 60.5.8), and stops the
-/// watchdog while the core is halted.
+/// Keeps the debug port alive in WFI, which would otherwise cut a probe off (section 60.5.8), and
+/// stops the watchdog while the core is halted.
 pub fn debug(dbgmcu: &pac::DBGMCU) {
     dbgmcu.cr().modify(|_, w| {
         w.dbgsleep_d1()

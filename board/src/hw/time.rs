@@ -1,9 +1,9 @@
 //! Board time (TIM2, 1 MHz, 32 bits) and the supervisor's tick (SysTick, 1 kHz).
 //!
-//! Owner: this module. TIM2 runs without interruption and any module may read it. Its compare channel 1 is the alarm
-//! of the bus recovery ([`super::sensors`]). The SysTick handler ([`super::tick`]) sets a flag for the superloop.
-//! A late superloop finds one flag for several ticks: the pass time shows it (fault "loop overrun"), and the
-//! alive line misses edges.
+//! Owner: this module. TIM2 runs without interruption and any module may read it. Its compare
+//! channel 1 is the alarm of the bus recovery ([`super::sensors`]). The SysTick handler
+//! ([`super::tick`]) sets a flag for the superloop. A late superloop finds one flag for several
+//! ticks: the pass time shows it (fault "loop overrun"), and the alive line misses edges.
 
 use super::pac::TIM2;
 use crate::clocks;

@@ -1,17 +1,20 @@
 //! USART3, the second link: the ST-Link's virtual COM port at 2,000,000 baud, 8N1.
 //!
-//! Owner: the superloop, except for the end of a sending transfer (DMA_STR0, level `LINKS`), which releases
-//! what was sent and starts the next piece, so the line is never idle while something waits.
+//! Owner: the superloop, except for the end of a sending transfer (DMA_STR0, level `LINKS`), which
+//! releases what was sent and starts the next piece, so the line is never idle while something
+//! waits.
 //!
-//! Sending: DMA1 stream 0 straight out of the queue's memory, a contiguous piece at a time. Receiving: DMA1
-//! stream 1 into a ring that the superloop reads at least once a millisecond; a millisecond is 200 bytes at
-//! this rate, the ring holds 2,048. Both are in AXI SRAM, which DMA1 reaches.
+//! Sending: DMA1 stream 0 straight out of the queue's memory, a contiguous piece at a time.
+//! Receiving: DMA1 stream 1 into a ring that the superloop reads at least once a millisecond; a
+//! millisecond is 200 bytes at this rate, the ring holds 2,048. Both are in AXI SRAM, which DMA1
+//! reaches.
 //!
-//! A missed deadline: when the superloop is late by 10 ms, received bytes are overwritten, the frame's CRC
-//! fails and the host retries. A stream that moves nothing for [`STALL_US`] although bytes wait is restarted where it stands.
-//! On silicon from revision X on, streams that serve a USART can lock up unless TRBUFF is set (ES0392 2.20.4); the restart is for whatever
-//! is left. When the host does not read, nothing happens here: the queue fills and
-//! frames are dropped and counted.
+//! A missed deadline: when the superloop is late by 10 ms, received bytes are overwritten, the
+//! frame's CRC fails and the host retries. A stream that moves nothing for [`STALL_US`] although
+//! bytes wait is restarted where it stands. On silicon from revision X on, streams that serve a
+//! USART can lock up unless TRBUFF is set (ES0392 2.20.4); the restart is for whatever is left.
+//! When the host does not read, nothing happens here: the queue fills and frames are dropped and
+//! counted.
 
 use super::pac::{self, interrupt, DMA1, DMAMUX1, USART3};
 use super::startup;
@@ -35,7 +38,8 @@ type Grant = StreamGrantR<&'static Queue>;
 
 const RING: usize = 2048;
 
-/// Time without a byte after which a stream counts as stalled, in microseconds: 400 bytes of the line.
+/// Time without a byte after which a stream counts as stalled, in microseconds: 400 bytes of the
+/// line.
 pub const STALL_US: u32 = 2_000;
 
 /// The receiving ring. Written by DMA, read by the superloop.
@@ -161,8 +165,8 @@ impl Usart {
         self.restart_if_stalled(now);
     }
 
-    /// Sets the receiving stream up again after one of its registers had changed. What was in the ring is lost: the frame's
-    /// CRC shows it.
+    /// Sets the receiving stream up again after one of its registers had changed. What was in the
+    /// ring is lost: the frame's CRC shows it.
     pub fn restart_receiver(&mut self) {
         stop(1);
         clear_flags(1);
@@ -170,7 +174,8 @@ impl Usart {
         self.taken = 0;
     }
 
-    /// Restarts the receiving stream if a byte waits in the receiver's FIFO and the stream does not take it.
+    /// Restarts the receiving stream if a byte waits in the receiver's FIFO and the stream does not
+    /// take it.
     fn restart_if_stalled(&mut self, now: Micros) {
         let stream = dma().st(1);
         let left = stream.ndtr().read().ndt().bits();
@@ -212,7 +217,8 @@ fn start_receiver(trbuff: u32) {
             .pl()
             .high()
     });
-    // SAFETY: one bit of the control register, which this register description lacks (section 15.5.5).
+    // SAFETY: one bit of the control register, which this register description lacks (section
+    // 15.5.5).
     receive
         .cr()
         .modify(|r, w| unsafe { w.bits(r.bits() | trbuff) });

@@ -1,14 +1,15 @@
 //! USB OTG FS with a CDC-ACM port: the first link.
 //!
-//! Owner: the superloop alone. The core's registers must be accessed in sequence and without preemption (embassy#2823),
-//! so the OTG_FS interrupt touches none of them: it masks itself in the NVIC, which wakes the superloop, and
-//! [`Usb::serve`] unmasks it after it has polled.
+//! Owner: the superloop alone. The core's registers must be accessed in sequence and without
+//! preemption (embassy#2823), so the OTG_FS interrupt touches none of them: it masks itself in the
+//! NVIC, which wakes the superloop, and [`Usb::serve`] unmasks it after it has polled.
 //!
-//! A missed deadline: the host retries; enumeration allows milliseconds for each step. While the port
-//! is closed on the host, queued bytes are discarded and not counted.
+//! A missed deadline: the host retries; enumeration allows milliseconds for each step. While the
+//! port is closed on the host, queued bytes are discarded and not counted.
 //!
-//! The core has loops without end inside its driver (soft reset, FIFO flush). So it is tried first with
-//! bounded waits; a core without clock or supply leaves the board without this link, not without control.
+//! The core has loops without end inside its driver (soft reset, FIFO flush). So it is tried first
+//! with bounded waits; a core without clock or supply leaves the board without this link, not
+//! without control.
 
 use super::pac::{self, interrupt, OTG2_HS_GLOBAL};
 use super::startup;
@@ -39,8 +40,8 @@ const ENDPOINT_WORDS: usize = 256;
 /// The second OTG core, on PA11 and PA12.
 struct Otg;
 
-// SAFETY: the constants are those of OTG_HS2 in section 57 and its address in table 8 (memory map); `Usb` is
-// the only user.
+// SAFETY: the constants are those of OTG_HS2 in section 57 and its address in table 8 (memory map);
+// `Usb` is the only user.
 unsafe impl UsbPeripheral for Otg {
     const REGISTERS: *const () = OTG2_HS_GLOBAL::PTR.cast();
     const HIGH_SPEED: bool = true;
@@ -123,7 +124,8 @@ fn serial_number() -> Option<&'static str> {
     core::str::from_utf8(digits).ok()
 }
 
-/// Tries with bounded waits what the driver does without bounds: idle bus, soft reset, FIFO flush (section 57.14).
+/// Tries with bounded waits what the driver does without bounds: idle bus, soft reset, FIFO flush
+/// (section 57.14).
 fn core_answers() -> bool {
     // SAFETY: nothing else uses the core yet.
     let core = unsafe { &*OTG2_HS_GLOBAL::PTR };
@@ -150,7 +152,8 @@ impl Usb {
     pub fn serve(&mut self, mut take: impl FnMut(u8)) {
         self.device.poll(&mut [&mut Corrections, &mut self.port]);
         usb_class::refuse_unexpected_data(self.device.bus());
-        // Frames come from a host that gave an address. A suspended bus, or one without a cable, has none.
+        // Frames come from a host that gave an address. A suspended bus, or one without a cable,
+        // has none.
         let framed = matches!(
             self.device.state(),
             UsbDeviceState::Addressed | UsbDeviceState::Configured
@@ -161,7 +164,8 @@ impl Usb {
         }
         let opened = self.port.dtr();
         if self.opened && !opened {
-            // What is left was meant for the program that closed the port: the next one starts with a whole frame.
+            // What is left was meant for the program that closed the port: the next one starts with
+            // a whole frame.
             UsbClass::reset(&mut self.port);
             usb_class::discard_packet();
         }

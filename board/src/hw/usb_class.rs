@@ -1,17 +1,21 @@
-//! What the crates for USB and CDC-ACM leave out of the two specifications: asked before them, at every control request.
+//! What the crates for USB and CDC-ACM leave out of the two specifications: asked before them, at
+//! every control request.
 //!
-//! * `usbd-serial` describes a port that takes no class requests (bmCapabilities 0) though it takes them. A host may
-//!   then never send SET_CONTROL_LINE_STATE, and without DTR nothing is streamed. The configuration descriptor here says
-//!   it (PSTN 1.2 table 4).
-//! * `synopsys-usb-otg` ends a halt without setting the data PID to DATA0 (USB 2.0 section 9.4.5), and SET_CONFIGURATION
-//!   has to do the same for all endpoints (section 9.1.1.5). A host that did it on its side takes the next packet for a
-//!   repeated one and drops it; so does the core with the host's.
+//! * `usbd-serial` describes a port that takes no class requests (bmCapabilities 0) though it takes
+//!   them. A host may then never send SET_CONTROL_LINE_STATE, and without DTR nothing is streamed.
+//!   The configuration descriptor here says it (PSTN 1.2 table 4).
+//! * `synopsys-usb-otg` ends a halt without setting the data PID to DATA0 (USB 2.0 section 9.4.5),
+//!   and SET_CONFIGURATION has to do the same for all endpoints (section 9.1.1.5). A host that did
+//!   it on its side takes the next packet for a repeated one and drops it; so does the core with
+//!   the host's.
 //!
-//! * `usb-device` leaves data at endpoint 0 that it did not expect in the driver's buffer (a data stage longer than its 128 bytes, a
-//!   status stage that is not empty). The buffer stays full, the receive FIFO behind it too, and USB is dead until the
-//!   controller is reset. Such data are taken and the transfer is refused.
-//! * `usb-device` keeps the place of data that were accepted with `accept_with_static` when the host abandons the transfer, and gives
-//!   them as the answer to the next request. So nothing is accepted that way.
+//! * `usb-device` leaves data at endpoint 0 that it did not expect in the driver's buffer (a data
+//!   stage longer than its 128 bytes, a status stage that is not empty). The buffer stays full, the
+//!   receive FIFO behind it too, and USB is dead until the controller is reset. Such data are taken
+//!   and the transfer is refused.
+//! * `usb-device` keeps the place of data that were accepted with `accept_with_static` when the
+//!   host abandons the transfer, and gives them as the answer to the next request. So nothing is
+//!   accepted that way.
 //!
 //! Owner: the superloop alone, as the rest of USB.
 
@@ -32,8 +36,8 @@ const BULK_OUT: u8 = 0x01;
 /// Descriptor type of a configuration (USB 2.0 table 9-5).
 const CONFIGURATION_TYPE: u16 = 2;
 
-/// The configuration: an association of the communications and the data interface (USB 2.0 section 9.6, CDC 1.2 section
-/// 5.2.3, PSTN 1.2 section 5.3).
+/// The configuration: an association of the communications and the data interface (USB 2.0 section
+/// 9.6, CDC 1.2 section 5.2.3, PSTN 1.2 section 5.3).
 static CONFIGURATION: [u8; 75] = [
     // Configuration 1: 75 bytes, two interfaces, self-powered, nothing drawn from the bus.
     9,
@@ -140,8 +144,8 @@ impl<B: UsbBus> UsbClass<B> for Corrections {
             && request.request == Request::GET_DESCRIPTOR
             && request.value >> 8 == CONFIGURATION_TYPE
         {
-            // Either fails only where no request waits for an answer. There is one configuration; `usb-device` would give it
-            // for every number.
+            // Either fails only where no request waits for an answer. There is one configuration;
+            // `usb-device` would give it for every number.
             let _ = match request.value & 0xFF {
                 0 => transfer.accept(copy_configuration),
                 _ => transfer.reject(),
@@ -169,8 +173,8 @@ impl<B: UsbBus> UsbClass<B> for Corrections {
     }
 }
 
-/// Takes what is left at endpoint 0 after a poll, and stalls the transfer: everything that was expected is taken by then. The
-/// next SETUP ends the stall.
+/// Takes what is left at endpoint 0 after a poll, and stalls the transfer: everything that was
+/// expected is taken by then. The next SETUP ends the stall.
 pub fn refuse_unexpected_data(bus: &impl UsbBus) {
     let [from_host, to_host] = [UsbDirection::Out, UsbDirection::In]
         .map(|direction| EndpointAddress::from_parts(0, direction));
@@ -180,8 +184,9 @@ pub fn refuse_unexpected_data(bus: &impl UsbBus) {
     }
 }
 
-/// Takes the packet for the host back that waits at the bulk endpoint (section 57.15.6, "IN endpoint disable"): NAK,
-/// disable, flush. The waits are bounded; a core that does not follow keeps the packet, and the host gets it.
+/// Takes the packet for the host back that waits at the bulk endpoint (section 57.15.6, "IN
+/// endpoint disable"): NAK, disable, flush. The waits are bounded; a core that does not follow
+/// keeps the packet, and the host gets it.
 pub fn discard_packet() {
     const READS: u32 = 100;
     // SAFETY: as above.

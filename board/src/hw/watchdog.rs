@@ -1,11 +1,12 @@
 //! The independent watchdog and the alive line to the PLC.
 //!
-//! Owner: the supervisor, in the superloop. There is no interrupt, because both must stop when the superloop
-//! stops. The superloop toggles the alive line once a millisecond; the PLC cuts the amplifiers' power 10 ms
-//! after the last edge. The line stands still too while the outputs cannot be trusted to be at 0 V
-//! ([`crate::machine::Machine::withholds_alive`]): then the PLC's relay is what stops the motors. The watchdog is fed every 10 ms and only if every [`Part`] has checked in
-//! since; it resets the processor 50 ms after the last feed. The DACs keep their code through a reset, but the
-//! first instructions after it pull their RST.
+//! Owner: the supervisor, in the superloop. There is no interrupt, because both must stop when the
+//! superloop stops. The superloop toggles the alive line once a millisecond; the PLC cuts the
+//! amplifiers' power 10 ms after the last edge. The line stands still too while the outputs cannot
+//! be trusted to be at 0 V ([`crate::machine::Machine::withholds_alive`]): then the PLC's relay is
+//! what stops the motors. The watchdog is fed every 10 ms and only if every [`Part`] has checked in
+//! since; it resets the processor 50 ms after the last feed. The DACs keep their code through a
+//! reset, but the first instructions after it pull their RST.
 
 use super::gpio;
 use super::pac::IWDG;
@@ -78,8 +79,9 @@ impl Watchdog {
         self.check_in.check_in(part as u32);
     }
 
-    /// Call it once a millisecond: toggles the alive line unless it is withheld (`allow_alive` false), and feeds the watchdog every [`clocks::WATCHDOG_FEED_MS`] if
-    /// every part has checked in. If not, returns the bits of the missing parts.
+    /// Call it once a millisecond: toggles the alive line unless it is withheld (`allow_alive`
+    /// false), and feeds the watchdog every [`clocks::WATCHDOG_FEED_MS`] if every part has checked
+    /// in. If not, returns the bits of the missing parts.
     pub fn tick(&mut self, allow_alive: bool) -> Option<u32> {
         if allow_alive {
             self.alive = !self.alive;

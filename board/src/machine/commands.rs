@@ -12,7 +12,8 @@ use wire::message::{
 };
 use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
 
-/// Range of [`BoardConfig::tip_force_limit_un`]: 1 N, below which no force can be held, to 100 N, which limits nothing.
+/// Range of [`BoardConfig::tip_force_limit_un`]: 1 N, below which no force can be held, to 100 N,
+/// which limits nothing.
 const TIP_FORCE_LIMIT_UN: core::ops::RangeInclusive<i32> = 1_000_000..=100_000_000;
 
 /// Longest validity of setpoints, in milliseconds.
@@ -64,8 +65,8 @@ impl Machine {
             return Some(Response::Rejected(CommandError::NotConnected));
         }
         self.commander = Some((link, now));
-        // Commands execute between two samples, so this is a cycle boundary as well: a read after a commit returns
-        // the committed configuration, and arming uses it.
+        // Commands execute between two samples, so this is a cycle boundary as well: a read after a
+        // commit returns the committed configuration, and arming uses it.
         self.exchange_configs();
         let result = match &frame.command {
             Command::Hello { .. }
@@ -104,7 +105,8 @@ impl Machine {
         Response::Hello(self.info.clone())
     }
 
-    /// Whether this link may command: it has said Hello, and no other link drives the motors or has just done so.
+    /// Whether this link may command: it has said Hello, and no other link drives the motors or has
+    /// just done so.
     fn may_command(&self, link: usize, now: Micros) -> bool {
         let open = self.open.get(link).copied().unwrap_or(false);
         let free = match self.commander {
@@ -282,8 +284,8 @@ impl Machine {
             }
         }
         if self.system != SystemState::Running {
-            // In transit when the board was disarmed or stopped. No response, as for accepted setpoints: telemetry
-            // shows the setpoints in force.
+            // In transit when the board was disarmed or stopped. No response, as for accepted
+            // setpoints: telemetry shows the setpoints in force.
             return Ok(());
         }
         for (unit, setpoint) in self.units.iter_mut().zip(checked) {

@@ -1,6 +1,6 @@
-//! The command-level machine: six controllers, their state machines, faults, setpoints, configuration and
-//! commands. Pure: samples, time and commands go in; DAC codes, responses and [`Effects`] come out. The
-//! superloop owns the only instance.
+//! The command-level machine: six controllers, their state machines, faults, setpoints,
+//! configuration and commands. Pure: samples, time and commands go in; DAC codes, responses and
+//! [`Effects`] come out. The superloop owns the only instance.
 //!
 //! | file | concern |
 //! | --- | --- |
@@ -9,10 +9,11 @@
 //! | `supervision.rs` | the supervisor's millisecond, events of the bus, faults of the board and of a unit |
 //! | `commands.rs` | commands of the host, and the status that answers them |
 //!
-//! The board has two links. Stop, GetStatus, GetConfig and GetBoard are accepted on both, at any time. Every other command
-//! needs a Hello on its link, and makes that link the commander. While the motors are driven, another link becomes the
-//! commander only once the present one has been silent for [`COMMANDER_SILENT_US`]. So two programs cannot drive the
-//! motors in turn, and a look at the status does not stop a run.
+//! The board has two links. Stop, GetStatus, GetConfig and GetBoard are accepted on both, at any
+//! time. Every other command needs a Hello on its link, and makes that link the commander. While
+//! the motors are driven, another link becomes the commander only once the present one has been
+//! silent for [`COMMANDER_SILENT_US`]. So two programs cannot drive the motors in turn, and a look
+//! at the status does not stop a run.
 
 mod commands;
 mod sampling;
@@ -41,26 +42,27 @@ pub const LINKS: usize = 2;
 /// Time after arming in which the first setpoints must have come, in milliseconds.
 pub const FIRST_SETPOINT_MS: u16 = 1_000;
 
-/// Time from the end of a bring-up to its first sample, in milliseconds: six conversions that settle, six results that are
-/// discarded and the first sample are 42 ms with the slowest clock.
+/// Time from the end of a bring-up to its first sample, in milliseconds: six conversions that
+/// settle, six results that are discarded and the first sample are 42 ms with the slowest clock.
 pub const FIRST_SAMPLE_MS: u32 = 100;
 
 /// Failed reads of a converter in a row that make a fault.
 pub const MAX_FAILED_READS: u8 = 4;
 
-/// Time for which each enabled unit must be at rest before the amplifiers get their power, in milliseconds: three samples.
+/// Time for which each enabled unit must be at rest before the amplifiers get their power, in
+/// milliseconds: three samples.
 pub const AT_REST_MS: u8 = 10;
 
-/// Time after which a unit that is not at rest faults, in milliseconds: a cable that was tight when the power went has let go by
-/// then, and its load cell has stopped ringing.
+/// Time after which a unit that is not at rest faults, in milliseconds: a cable that was tight when
+/// the power went has let go by then, and its load cell has stopped ringing.
 pub const UNREST_MS: u16 = 500;
 
-/// Longest pass of the superloop in microseconds. A pass takes some tens of them; a sample may wait for half a
-/// sample period at most.
+/// Longest pass of the superloop in microseconds. A pass takes some tens of them; a sample may wait
+/// for half a sample period at most.
 pub const MAX_PASS_US: u32 = 1_500;
 
-/// Silence of the commanding link after which another link may command while the motors are driven, in microseconds:
-/// twenty periods of a host that sends setpoints.
+/// Silence of the commanding link after which another link may command while the motors are driven,
+/// in microseconds: twenty periods of a host that sends setpoints.
 pub const COMMANDER_SILENT_US: u32 = 200_000;
 
 /// Actions of the machine on the board, apart from the DAC code that a sample returns.
@@ -184,8 +186,9 @@ impl Unit {
             )
     }
 
-    /// Whether the load cell reads what it may with the motor at 0 V: a slack cable, or one that friction of the reel holds. Before a
-    /// zero is measured, what a zero may be. Otherwise the fault that it is.
+    /// Whether the load cell reads what it may with the motor at 0 V: a slack cable, or one that
+    /// friction of the reel holds. Before a zero is measured, what a zero may be. Otherwise the
+    /// fault that it is.
     fn at_rest(&self) -> Result<(), (Fault, u32)> {
         let tension = self.control.tension();
         if self.zeroed {
@@ -226,8 +229,8 @@ pub struct Machine {
     /// The link that commands, and when it did last.
     commander: Option<(usize, Micros)>,
     tip: TipGuard,
-    /// The alive line may run. It may not after a start, nor once a converter is started anew or a fault has taken the power, until
-    /// each enabled unit measures again and is at rest.
+    /// The alive line may run. It may not after a start, nor once a converter is started anew or a
+    /// fault has taken the power, until each enabled unit measures again and is at rest.
     released: bool,
     /// Milliseconds for which that has been so.
     at_rest_ms: u8,
@@ -240,8 +243,8 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// A machine with every unit off until it is configured. The crash record of the previous run is latched as
-    /// a fault, so arming requires an explicit clear.
+    /// A machine with every unit off until it is configured. The crash record of the previous run
+    /// is latched as a fault, so arming requires an explicit clear.
     #[must_use]
     pub fn new(info: BoardInfo) -> Self {
         let mut latch = Latch::new();
@@ -279,7 +282,8 @@ impl Machine {
         machine
     }
 
-    /// Flips a bit of what was computed from a unit's configuration, see [`control::config::Config::flip`]: a fault of the memory.
+    /// Flips a bit of what was computed from a unit's configuration, see
+    /// [`control::config::Config::flip`]: a fault of the memory.
     #[cfg(feature = "injection")]
     pub fn flip_config(&mut self, unit: UnitIndex, bit: u32) {
         self.units[unit as usize].config.flip(bit);
@@ -297,9 +301,10 @@ impl Machine {
         self.latch.is_set() || self.units.iter().any(|unit| unit.latch.is_set())
     }
 
-    /// Whether the alive line is to stand still, so that the PLC removes the amplifiers' power: the DACs cannot be trusted
-    /// to be at 0 V, or an enabled unit has not been seen at rest since the start or since its converter was started anew. A DAC
-    /// that is stuck would pull, and no load cell would show it.
+    /// Whether the alive line is to stand still, so that the PLC removes the amplifiers' power: the
+    /// DACs cannot be trusted to be at 0 V, or an enabled unit has not been seen at rest since the
+    /// start or since its converter was started anew. A DAC that is stuck would pull, and no load
+    /// cell would show it.
     #[must_use]
     pub fn withholds_alive(&self) -> bool {
         !self.released || self.has_lost_power()
@@ -311,13 +316,15 @@ impl Machine {
         faults.any(|fault| fault.takes_power() && self.latch.has(*fault))
     }
 
-    /// Whether the DACs' RST is to be low: a DAC that gets no words, as its select wire is broken, is at 0 V then all the same.
+    /// Whether the DACs' RST is to be low: a DAC that gets no words, as its select wire is broken,
+    /// is at 0 V then all the same.
     #[must_use]
     pub const fn holds_dacs(&self) -> bool {
         self.latch.has(Fault::OutputStuck) || self.latch.has(Fault::DacLink)
     }
 
-    /// Whether the bus may write register pointers ahead of the samples ([`BoardConfig::pointer_ahead`]).
+    /// Whether the bus may write register pointers ahead of the samples
+    /// ([`BoardConfig::pointer_ahead`]).
     #[must_use]
     pub const fn pointer_ahead(&self) -> bool {
         self.board.pointer_ahead
@@ -428,8 +435,8 @@ impl Machine {
     }
 }
 
-/// Longest encoding of a [`UnitConfig`]: 23 numbers, two ripples of four numbers and a cell's three with at most 5
-/// bytes each, two flags of one byte, a filter of at most 4 bytes.
+/// Longest encoding of a [`UnitConfig`]: 23 numbers, two ripples of four numbers and a cell's three
+/// with at most 5 bytes each, two flags of one byte, a filter of at most 4 bytes.
 const MAX_CONFIG_BYTES: usize = (23 + 8 + 3) * 5 + 2 + 4;
 
 /// CRC-32 over configurations: each as postcard encodes it, one after the other, unit 1 first.

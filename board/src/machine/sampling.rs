@@ -71,7 +71,8 @@ impl Machine {
         let slot = &mut self.units[unit as usize];
         if !slot.sensor_up {
             if slot.came_up.take().is_none() {
-                // It was under way when its converter was stopped or started anew: of nothing that is in force.
+                // It was under way when its converter was stopped or started anew: of nothing that
+                // is in force.
                 let pending = pending(Drive::Off, Output::default(), false);
                 return (DacCode::ZERO_VOLT, pending);
             }
@@ -106,9 +107,10 @@ impl Machine {
         (output.dac, pending(drive, output, true))
     }
 
-    /// What must be checked of a sample, and does not have to stand between it and its DAC word: the converter's rate, whether
-    /// load cell, motor and encoder can be believed, the force at the tip, the average of a zero. Call it once the word is on its way; a
-    /// fault writes 0 V behind it.
+    /// What must be checked of a sample, and does not have to stand between it and its DAC word:
+    /// the converter's rate, whether load cell, motor and encoder can be believed, the force at the
+    /// tip, the average of a zero. Call it once the word is on its way; a fault writes 0 V behind
+    /// it.
     pub fn check(&mut self, pending: &mut PendingSample, fx: &mut impl Effects) {
         let (unit, at, output) = (pending.unit, pending.at, pending.output);
         let others_drive = self.system.drives();

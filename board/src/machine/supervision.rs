@@ -1,7 +1,8 @@
-//! Supervision: the supervisor's millisecond, events of the bus, and the faults that follow from them.
+//! Supervision: the supervisor's millisecond, events of the bus, and the faults that follow from
+//! them.
 //!
-//! A fault of the board sets all outputs to 0 V, a fault of a unit sets its output to 0 V (docs/architecture.md,
-//! "Faults: unit or board").
+//! A fault of the board sets all outputs to 0 V, a fault of a unit sets its output to 0 V
+//! (docs/architecture.md, "Faults: unit or board").
 
 use super::{
     board_crc, Effects, Health, Machine, Unit, AT_REST_MS, FIRST_SAMPLE_MS, MAX_FAILED_READS,
@@ -21,8 +22,8 @@ const ENCODER_NOISE_EVENTS: u8 = 5;
 const ENCODER_NOISE_WINDOW_US: u32 = 1_000_000;
 /// Milliseconds between checks of the configuration in memory.
 const CONFIG_CHECK_MS: u32 = 1_000;
-/// Milliseconds in a row that the E-stop loop must read open: longer than contact bounce of 1 ms, far shorter
-/// than an actuation by hand.
+/// Milliseconds in a row that the E-stop loop must read open: longer than contact bounce of 1 ms,
+/// far shorter than an actuation by hand.
 const ESTOP_OPEN_MS: u8 = 2;
 
 impl Machine {
@@ -67,7 +68,8 @@ impl Machine {
         self.advance(Request::None, fx);
     }
 
-    /// Gives the amplifiers their power back once every enabled unit measures and is at rest, and nothing of the board is faulted.
+    /// Gives the amplifiers their power back once every enabled unit measures and is at rest, and
+    /// nothing of the board is faulted.
     fn watch_power(&mut self, now: Micros, fx: &mut impl Effects) {
         let mut enabled = self.units.iter().filter(|unit| unit.config.enabled());
         let idle = self.released || self.latch.is_set() || self.system.drives();
@@ -104,8 +106,8 @@ impl Machine {
         }
     }
 
-    /// Latches a fault of the board and sets all outputs to 0 V. Also for causes found outside the machine (a
-    /// counter that does not respond).
+    /// Latches a fault of the board and sets all outputs to 0 V. Also for causes found outside the
+    /// machine (a counter that does not respond).
     pub fn fault_board(&mut self, fault: Fault, detail: u32, now: Micros, fx: &mut impl Effects) {
         let first = !self.latch.is_set();
         if self.latch.latch(fault, detail) && (first || fault.takes_power()) {
@@ -125,8 +127,9 @@ impl Machine {
         self.advance(Request::None, fx);
     }
 
-    /// Counts a noise event at a unit's encoder; `flags` is the counter's FLAG register. One event does not prove
-    /// a wrong count. `ENCODER_NOISE_EVENTS` within a second mean a loose plug and are a fault.
+    /// Counts a noise event at a unit's encoder; `flags` is the counter's FLAG register. One event
+    /// does not prove a wrong count. `ENCODER_NOISE_EVENTS` within a second mean a loose plug and
+    /// are a fault.
     pub fn encoder_noise(
         &mut self,
         unit: UnitIndex,
@@ -171,8 +174,8 @@ impl Machine {
         slot.zero = None;
         fx.zero_output(unit);
         slot.let_go.switched_off(now);
-        // After these faults the load cell cannot tell whether the cable lets go. A swing that the encoder does not show may be
-        // the load cell's.
+        // After these faults the load cell cannot tell whether the cable lets go. A swing that the
+        // encoder does not show may be the load cell's.
         if matches!(
             fault,
             Fault::AdcSaturated
@@ -183,8 +186,8 @@ impl Machine {
         ) {
             slot.let_go.doubt();
         }
-        // After these faults the state of the converter is unknown. After all others it continues to measure for
-        // telemetry.
+        // After these faults the state of the converter is unknown. After all others it continues
+        // to measure for telemetry.
         if matches!(
             fault,
             Fault::SensorSilent | Fault::BringUpFailed | Fault::SensorReads | Fault::SensorFrozen
@@ -235,7 +238,8 @@ impl Machine {
         self.check_config(now, fx);
     }
 
-    /// Each second: checksums of the configurations, and the values that the sample path computed from each, one unit at a time.
+    /// Each second: checksums of the configurations, and the values that the sample path computed
+    /// from each, one unit at a time.
     fn check_config(&mut self, now: Micros, fx: &mut impl Effects) {
         self.config_check_ms += 1;
         const TURN_MS: u32 = CONFIG_CHECK_MS / UNITS as u32;
@@ -255,8 +259,8 @@ impl Machine {
         }
     }
 
-    /// Units whose encoder [`Self::encoder`] needs now: their load cells do not measure, and whether their cables
-    /// let go shows there.
+    /// Units whose encoder [`Self::encoder`] needs now: their load cells do not measure, and
+    /// whether their cables let go shows there.
     #[must_use]
     pub fn wants_encoders(&self) -> UnitSet {
         UnitIndex::zip(&self.units)
@@ -277,7 +281,8 @@ impl Machine {
         slot.let_go.turned(counts, nm);
     }
 
-    /// Where an encoder stands, for the status: of one unit in turn each millisecond, whether its load cell measures or not.
+    /// Where an encoder stands, for the status: of one unit in turn each millisecond, whether its
+    /// load cell measures or not.
     pub fn position(&mut self, unit: UnitIndex, counts: EncoderCounts) {
         self.units[unit as usize].counts = counts;
     }

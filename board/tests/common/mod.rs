@@ -130,8 +130,8 @@ impl Bench {
         )
     }
 
-    /// Milliseconds with a tick each; a sample of each streaming unit every third, and what was to be brought
-    /// up comes up.
+    /// Milliseconds with a tick each; a sample of each streaming unit every third, and what was to
+    /// be brought up comes up.
     pub fn run(&mut self, ms: u32) {
         for _ in 0..ms {
             self.now.0 = self.now.0.wrapping_add(1_000);

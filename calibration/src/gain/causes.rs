@@ -134,8 +134,8 @@ const LEAST_N: f64 = 0.005;
 const LEAST_PART: f64 = 1e-3;
 /// A weight within so many tolerances is no mistake: its limit may be that of the next class.
 const LEAST_LIMITS: f64 = 2.0;
-/// Nor is one by less than this, N, however good its class: creep and hysteresis that the model leaves are as large on a good cell
-/// (0.01 % of 10 N).
+/// Nor is one by less than this, N, however good its class: creep and hysteresis that the model
+/// leaves are as large on a good cell (0.01 % of 10 N).
 const LEAST_WEIGHT_N: f64 = 0.001;
 /// Readings that each part before and after a step has at least; fewer are single wrong entries.
 const PART: usize = 3;
@@ -461,8 +461,8 @@ pub(super) enum Rests {
 }
 
 /// Whether the readings tell a curve from an error of one weight. They do where they are more
-/// likely by [`CURVE_ODDS`] with a curve than with a straight cell of which the largest weight is off.
-/// A smaller one would not bend the line.
+/// likely by [`CURVE_ODDS`] with a curve than with a straight cell of which the largest weight is
+/// off. A smaller one would not bend the line.
 pub(super) fn curve_rests(
     used: &[Reading],
     options: &Options,

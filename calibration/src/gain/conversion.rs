@@ -1,8 +1,10 @@
-//! From a fitted cell to the numbers of a conversion: force `n c + m c^2` of a code `c` above the zero.
+//! From a fitted cell to the numbers of a conversion: force `n c + m c^2` of a code `c` above the
+//! zero.
 //!
-//! The fit has the code over the force, a conversion needs the force over the code. The inverse of a parabola is none; the
-//! conversion is the parabola through 0 that is nearest to it over the range that was calibrated. For a cell that bends by
-//! 0.01 /N, what that leaves is below 10 mN up to 10 N.
+//! The fit has the code over the force, a conversion needs the force over the code. The inverse of
+//! a parabola is none; the conversion is the parabola through 0 that is nearest to it over the
+//! range that was calibrated. For a cell that bends by 0.01 /N, what that leaves is below 10 mN up
+//! to 10 N.
 
 use super::{Gain, Term};
 

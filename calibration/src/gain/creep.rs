@@ -1,12 +1,15 @@
-//! Creep of a cell from the time course of a series: weights that are put on, left for a while, and taken off.
+//! Creep of a cell from the time course of a series: weights that are put on, left for a while, and
+//! taken off.
 //!
-//! A cell that creeps reads `F + s` under a load `F`, with `ds/dt = (share F - s) / tau`. For a series of loads that is
-//! `s = share G(tau)`, where `G` follows from the loads and their times alone: linear in the share, so that only the time
-//! constant has to be searched. Hysteresis looks alike where each load is read once; a load that is read while it stays
-//! tells them apart, so creep is looked for only in a series with such a hold.
+//! A cell that creeps reads `F + s` under a load `F`, with `ds/dt = (share F - s) / tau`. For a
+//! series of loads that is `s = share G(tau)`, where `G` follows from the loads and their times
+//! alone: linear in the share, so that only the time constant has to be searched. Hysteresis looks
+//! alike where each load is read once; a load that is read while it stays tells them apart, so
+//! creep is looked for only in a series with such a hold.
 //!
-//! The time at which a load came on has an error. A change from `F0` to `F1` that comes by `e` later moves `s` at a time `t`
-//! after it by `share e (F0 - F1)/tau exp(-t/tau)`: an error that the readings after the change share.
+//! The time at which a load came on has an error. A change from `F0` to `F1` that comes by `e`
+//! later moves `s` at a time `t` after it by `share e (F0 - F1)/tau exp(-t/tau)`: an error that the
+//! readings after the change share.
 
 use super::{Options, Reading};
 use nalgebra::{DMatrix, DVector};
@@ -70,7 +73,8 @@ fn changes(used: &[Reading], options: &Options) -> Vec<Change> {
                 since.clamp(from, to),
                 pair[1].since_sd_s.unwrap_or(options.load_time_sd_s),
             ),
-            // Where nothing else is known, any time between the two readings is as likely as another.
+            // Where nothing else is known, any time between the two readings is as likely as
+            // another.
             None => (0.5 * (from + to), (to - from) / 12f64.sqrt()),
         };
         out.push(Change {
@@ -83,7 +87,8 @@ fn changes(used: &[Reading], options: &Options) -> Vec<Change> {
     out
 }
 
-/// `G(tau)` of each reading, N: the creep of a cell whose share is 1. The cell starts relaxed at the first reading.
+/// `G(tau)` of each reading, N: the creep of a cell whose share is 1. The cell starts relaxed at
+/// the first reading.
 pub(super) fn course(used: &[Reading], options: &Options, tau_s: f64) -> Vec<f64> {
     let mut crept = 0.0;
     let mut at = used.first().and_then(|r| r.time_s).unwrap_or(0.0);
@@ -104,8 +109,9 @@ pub(super) fn course(used: &[Reading], options: &Options, tau_s: f64) -> Vec<f64
     out
 }
 
-/// Covariance of the codes from the errors of the times at which the loads came on, codes^2. Times that were seen have errors
-/// of their own. Guessed ones have one error in common: who hangs weights does it at the same pace each time. `creep`: its share, and its time constant, s.
+/// Covariance of the codes from the errors of the times at which the loads came on, codes^2. Times
+/// that were seen have errors of their own. Guessed ones have one error in common: who hangs
+/// weights does it at the same pace each time. `creep`: its share, and its time constant, s.
 pub(super) fn time_covariance(
     used: &[Reading],
     options: &Options,

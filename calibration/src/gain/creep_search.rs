@@ -1,4 +1,5 @@
-//! The creep's time constant and share: the model of [`super::creep`] with the least left over in a fit.
+//! The creep's time constant and share: the model of [`super::creep`] with the least left over in a
+//! fit.
 
 use super::least_squares::{design, Model, Solution};
 use super::{Options, Reading, Term};
@@ -8,10 +9,12 @@ use nalgebra::{DMatrix, DVector};
 const STEPS: usize = 30;
 /// Shortest time constant, s: below it, a cell has crept before it is read.
 const SHORTEST_S: f64 = 0.5;
-/// Chance levels by which the search over time constants multiplies a p-value: about the number of different shapes in it.
+/// Chance levels by which the search over time constants multiplies a p-value: about the number of
+/// different shapes in it.
 pub(super) const SEARCHED: f64 = 8.0;
 
-/// Chance level at which creep stays once its time constant is free: the usual one, as it was found at a stricter one before.
+/// Chance level at which creep stays once its time constant is free: the usual one, as it was found
+/// at a stricter one before.
 const STAYS: f64 = 0.05;
 
 /// Whether the share of the creep differs from 0 in a fit with a free time constant.
@@ -62,8 +65,9 @@ pub(super) fn search(
     Some(at(0.5 * (low + high)))
 }
 
-/// The share of the creep with the model's time constant. A curve bends what has crept as well, so that its column depends on
-/// the share: each round takes the error of it down by the bend of the cell.
+/// The share of the creep with the model's time constant. A curve bends what has crept as well, so
+/// that its column depends on the share: each round takes the error of it down by the bend of the
+/// cell.
 pub(super) fn share(
     used: &[Reading],
     options: &Options,

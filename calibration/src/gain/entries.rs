@@ -1,13 +1,15 @@
-//! Wrong entries among weight readings: 500 entered for 50, a weight of the set taken for another, a reading that belongs
-//! to none.
+//! Wrong entries among weight readings: 500 entered for 50, a weight of the set taken for another,
+//! a reading that belongs to none.
 //!
-//! First the line that most readings agree with: each pair of readings with different weights gives a line, and the
-//! line with the least sum of squared residuals, each cut off at three standard deviations, wins. That stays right
-//! while the right readings outnumber those wrong in one way, and a wrong entry at the largest weight can't draw the
-//! line to itself. Then, for each reading, the likelihood of its code under the weight entered, under a decimal slip of
-//! it, under each other weight of the set (and none), and under no weight at all (any code equally likely), with the
-//! prior probabilities below. The scatter that the readings show is allowed for: a poor repeatability makes no wrong
-//! entries. A reading is named when the weight entered is less likely than the rest together.
+//! First the line that most readings agree with: each pair of readings with different weights gives
+//! a line, and the line with the least sum of squared residuals, each cut off at three standard
+//! deviations, wins. That stays right while the right readings outnumber those wrong in one way,
+//! and a wrong entry at the largest weight can't draw the line to itself. Then, for each reading,
+//! the likelihood of its code under the weight entered, under a decimal slip of it, under each
+//! other weight of the set (and none), and under no weight at all (any code equally likely), with
+//! the prior probabilities below. The scatter that the readings show is allowed for: a poor
+//! repeatability makes no wrong entries. A reading is named when the weight entered is less likely
+//! than the rest together.
 
 use super::{Options, Reading};
 use crate::input::Location;
@@ -19,11 +21,11 @@ const SLIP: f64 = 0.004;
 const OTHER: f64 = 0.008;
 /// Prior probability that the reading belongs to no weight: touched, swinging, cable preloaded.
 const NO_WEIGHT: f64 = 0.002;
-/// Standard deviation allowed for curvature, hysteresis and creep while looking for wrong entries, part of the range of
-/// codes.
+/// Standard deviation allowed for curvature, hysteresis and creep while looking for wrong entries,
+/// part of the range of codes.
 const SHAPE: f64 = 1e-3;
-/// Least standard deviation allowed for repeatability while looking for wrong entries, N: with a small set of weights, what a
-/// hand does to the cell is more than the part [`SHAPE`] of the range.
+/// Least standard deviation allowed for repeatability while looking for wrong entries, N: with a
+/// small set of weights, what a hand does to the cell is more than the part [`SHAPE`] of the range.
 const REPEATABILITY_N: f64 = 0.003;
 /// Where the squared residual of a reading stops to count.
 const CUT: f64 = 9.0;
@@ -60,7 +62,8 @@ pub(super) fn describe(wrong: &[WrongEntry]) -> String {
     lines.join("\n")
 }
 
-/// The readings that do not belong to their weight, in the order given. Empty where no line can be found.
+/// The readings that do not belong to their weight, in the order given. Empty where no line can be
+/// found.
 #[must_use]
 pub fn find(readings: &[Reading], options: &Options) -> Vec<WrongEntry> {
     let codes = || readings.iter().map(|r| r.code);
@@ -77,8 +80,8 @@ pub fn find(readings: &[Reading], options: &Options) -> Vec<WrongEntry> {
 
 /// How much the readings scatter for other reasons than their standard errors, codes.
 ///
-/// About the line, or among the readings of one weight where that is less: a cell that is curved leaves the line by the same
-/// each time, and its wrong entries are to be seen all the same.
+/// About the line, or among the readings of one weight where that is less: a cell that is curved
+/// leaves the line by the same each time, and its wrong entries are to be seen all the same.
 fn scatter(readings: &[Reading], zero: f64, codes_per_g: f64) -> f64 {
     let residual = |r: &Reading| r.code - zero - codes_per_g * r.weight_g;
     let sizes = |values: &[f64]| values.iter().map(|v| v.abs()).collect::<Vec<f64>>();

@@ -1,7 +1,7 @@
 //! How good a load cell is: linearity, hysteresis and creep.
 //!
-//! The figures are defined as in OIML R 60-1 (2021), 3.4 and 5.3 to 5.6, relative to the largest load applied. No class
-//! is claimed: that takes its temperature and repetition programme.
+//! The figures are defined as in OIML R 60-1 (2021), 3.4 and 5.3 to 5.6, relative to the largest
+//! load applied. No class is claimed: that takes its temperature and repetition programme.
 
 use super::{Direction, Gain};
 
@@ -33,7 +33,8 @@ pub struct Hysteresis {
 
 /// Linearity and hysteresis from the residuals of a fit.
 ///
-/// The linearity is against the curve of the fit: the straight line, unless the fit has taken the quadratic term in.
+/// The linearity is against the curve of the fit: the straight line, unless the fit has taken the
+/// quadratic term in.
 #[must_use]
 pub fn shape(gain: &Gain) -> Shape {
     let mut loads: Vec<f64> = gain.residuals.iter().map(|r| r.force_n).collect();
@@ -105,9 +106,9 @@ pub struct Creep {
     pub rms_left_n: f64,
 }
 
-/// Creep from a record of `(time in s, code)` at constant load `load_n` (N), averaged readings from the moment the load is
-/// on. `None` for fewer than five readings, times that do not rise, a load that is not positive, or numbers that are
-/// not finite.
+/// Creep from a record of `(time in s, code)` at constant load `load_n` (N), averaged readings from
+/// the moment the load is on. `None` for fewer than five readings, times that do not rise, a load
+/// that is not positive, or numbers that are not finite.
 #[must_use]
 pub fn creep(record: &[(f64, f64)], n_per_code: f64, load_n: f64) -> Option<Creep> {
     let rising = record.windows(2).all(|w| w[1].0 > w[0].0);
@@ -126,7 +127,8 @@ pub fn creep(record: &[(f64, f64)], n_per_code: f64, load_n: f64) -> Option<Cree
         .map(|p| p.1)
         .max_by(|a, b| a.abs().total_cmp(&b.abs()))?;
     let span = points.last()?.0;
-    // Time constants from one step of the record to three times its length, by a scan and then golden section.
+    // Time constants from one step of the record to three times its length, by a scan and then
+    // golden section.
     let low = (points[1].0 * 0.3).ln();
     let high = (3.0 * span).ln();
     let steps = 60;

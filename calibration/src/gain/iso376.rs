@@ -1,8 +1,10 @@
-//! The procedure of ISO 376:2011 for force-proving instruments: its figures, their uncertainty and the class that results.
+//! The procedure of ISO 376:2011 for force-proving instruments: its figures, their uncertainty and
+//! the class that results.
 //!
-//! The cell is loaded to the largest force three times. Then come two rising series in one position (X1, X2), and a rising
-//! series with a falling one in each of two further positions, 120 and 240 degrees about the axis (X3 with X'4, X5 with X'6).
-//! Each series begins and ends with the empty cell. At last the largest force stays on for five minutes.
+//! The cell is loaded to the largest force three times. Then come two rising series in one position
+//! (X1, X2), and a rising series with a falling one in each of two further positions, 120 and 240
+//! degrees about the axis (X3 with X'4, X5 with X'6). Each series begins and ends with the empty
+//! cell. At last the largest force stays on for five minutes.
 //!
 //! A deflection is a code less the code of the empty cell before its series. Of one load:
 //!
@@ -13,8 +15,8 @@
 //! v  = mean of |X'4 - X3| / X3 and |X'6 - X5| / X5    reversibility
 //! ```
 //!
-//! and of the whole: the zero error f0, what the empty cell moved by over a series, and the creep c from 30 to 300 s, both over
-//! the deflection at the largest force.
+//! and of the whole: the zero error f0, what the empty cell moved by over a series, and the creep c
+//! from 30 to 300 s, both over the deflection at the largest force.
 //!
 //! The sequence, the formulas and the combination of the uncertainties ([`Load::u`]) are written
 //! from memory of ISO 376:2011 (clauses 7 and 8, annex C) and EURAMET cg-4 (2011), 6.1; neither
@@ -29,7 +31,8 @@ use std::fmt;
 pub const PRELOADS: usize = 3;
 /// Loads that ask for an interpolation have at least so many different forces.
 pub const LEAST_LOADS: usize = 8;
-/// Weights of the procedure, g: eight sums of one weight each of 100, 200, 500 and 1000 g, 10 % to 100 %.
+/// Weights of the procedure, g: eight sums of one weight each of 100, 200, 500 and 1000 g, 10 % to
+/// 100 %.
 pub const WEIGHTS_G: [f64; 8] = [100.0, 200.0, 300.0, 500.0, 600.0, 700.0, 800.0, 1000.0];
 /// Times after a load came on between which creep counts, s.
 pub const CREEP_S: (f64, f64) = (30.0, 300.0);
@@ -129,7 +132,8 @@ pub struct Load {
     pub reversibility: f64,
     /// Expanded uncertainty of the calibrating force (weights, gravity, air, pulley), k = 2.
     pub force_95: f64,
-    /// Combined standard uncertainty of a force of this size by this cell, mounted as in the calibration.
+    /// Combined standard uncertainty of a force of this size by this cell, mounted as in the
+    /// calibration.
     pub u: f64,
 }
 
@@ -236,7 +240,8 @@ impl Table<'_> {
         Ok(mean)
     }
 
-    /// Largest change of the code from 30 to 300 s after the load of the last series came on, or was taken off, codes.
+    /// Largest change of the code from 30 to 300 s after the load of the last series came on, or
+    /// was taken off, codes.
     fn crept(&self, largest_g: f64) -> Option<f64> {
         let change = |weight_g: f64| -> Option<f64> {
             let age = |r: &Reading| Some(r.time_s? - r.since_s?);
@@ -436,7 +441,8 @@ impl Figures {
         self.loads.last().map_or(0.0, |load| load.force_n)
     }
 
-    /// The range in which a class holds: from the largest force down to the last load within all limits.
+    /// The range in which a class holds: from the largest force down to the last load within all
+    /// limits.
     fn range(&self, class: Class) -> Option<Classified> {
         let holds = |load: &&Load| self.beyond(load, class).is_empty();
         let lowest = self.loads.iter().rev().take_while(holds).last()?;
@@ -454,8 +460,8 @@ impl Figures {
         Class::ALL.into_iter().find_map(|class| self.range(class))
     }
 
-    /// What stands in the way of the next better class (of class 2 where there is none): figures that exceed its limits in the upper half of
-    /// the forces. Empty for class 00.
+    /// What stands in the way of the next better class (of class 2 where there is none): figures
+    /// that exceed its limits in the upper half of the forces. Empty for class 00.
     #[must_use]
     pub fn in_the_way(&self) -> Vec<&'static str> {
         let wanted = match self.class().map(|found| found.class) {
@@ -477,7 +483,8 @@ impl Figures {
         names
     }
 
-    /// Largest of a figure over the loads of the class's range, of all loads where there is no class.
+    /// Largest of a figure over the loads of the class's range, of all loads where there is no
+    /// class.
     #[must_use]
     pub fn largest(&self, of: impl Fn(&Load) -> f64) -> f64 {
         let from_n = self.class().map_or(0.0, |class| class.from_n);

@@ -56,8 +56,8 @@ pub(super) struct Solution {
 }
 
 impl Solution {
-    /// Degrees of freedom of coefficient `i`: infinite as far as it comes from the weights, whose tolerance is given
-    /// (Welch and Satterthwaite, GUM G.4).
+    /// Degrees of freedom of coefficient `i`: infinite as far as it comes from the weights, whose
+    /// tolerance is given (Welch and Satterthwaite, GUM G.4).
     pub(super) fn effective_dof(&self, i: usize) -> f64 {
         let (all, own) = (self.covariance[(i, i)], self.from_readings[(i, i)]);
         self.dof as f64 * (all / own).powi(2)
@@ -132,7 +132,8 @@ pub(super) fn solve(
         return Err(too_few());
     }
     let y = DVector::from_iterator(n, used.iter().map(|r| r.code));
-    // The weights' errors in codes need the slope; a slope without them is right to far better than needed.
+    // The weights' errors in codes need the slope; a slope without them is right to far better than
+    // needed.
     let mut slope = {
         let weights =
             DVector::from_iterator(n, used.iter().map(|r| r.standard_error_codes.powi(-2)));

@@ -1,9 +1,10 @@
 //! Gain of a load cell: newtons per converter code, from weights (thesis 3.5.1).
 //!
-//! [`read`] takes a table of readings, [`fit`] gives the scale with its interval. A reading that does not belong to the
-//! weight it is entered with is named ([`GainError::WrongEntries`]) and never averaged in: see
-//! [`entries`]. So is one mistake behind many readings ([`GainError::Mistake`]): see [`causes`].
-//! How straight the cell is, its hysteresis and its creep: [`figures`].
+//! [`read`] takes a table of readings, [`fit`] gives the scale with its interval. A reading that
+//! does not belong to the weight it is entered with is named ([`GainError::WrongEntries`]) and
+//! never averaged in: see [`entries`]. So is one mistake behind many readings
+//! ([`GainError::Mistake`]): see [`causes`]. How straight the cell is, its hysteresis and its
+//! creep: [`figures`].
 //!
 //! # Model
 //!
@@ -11,21 +12,23 @@
 //! code = zero + b (F + s) + [k (F + s)^2] + [z_T dT] + [b_T dT F] + [z_t t] + error,   F = m g
 //! ```
 //!
-//! `s` is the creep, where the series can tell it: see [`creep`]. What a conversion needs, the force over the code:
-//! [`conversion`].
+//! `s` is the creep, where the series can tell it: see [`creep`]. What a conversion needs, the
+//! force over the code: [`conversion`].
 //!
-//! Terms in brackets are taken in one after the other while one of them is significant (two-sided t test, 1 %
-//! shared out over the candidates). The error of a reading has three parts: its standard error, a repeatability that
-//! all readings share and that the readings themselves give (Paule and Mandel, *J. Res. NBS* 87 (1982) 377), and the
-//! error of the weight, which is the same each time this weight is put on. The last part makes the errors of
-//! readings with one weight correlated; generalised least squares allows for it, with the errors of
-//! different weights taken as independent. What the weights of a set share moves the scale and not
-//! the shape: it enters the uncertainty of the scale ([`WeightSet::correlation`]). Where a cell
-//! creeps, the time at which a load came on has an error too ([`creep`]): it is the same in all
-//! readings after it. The error of g is common to everything and is added at the end.
+//! Terms in brackets are taken in one after the other while one of them is significant (two-sided t
+//! test, 1 % shared out over the candidates). The error of a reading has three parts: its standard
+//! error, a repeatability that all readings share and that the readings themselves give (Paule and
+//! Mandel, *J. Res. NBS* 87 (1982) 377), and the error of the weight, which is the same each time
+//! this weight is put on. The last part makes the errors of readings with one weight correlated;
+//! generalised least squares allows for it, with the errors of different weights taken as
+//! independent. What the weights of a set share moves the scale and not the shape: it enters the
+//! uncertainty of the scale ([`WeightSet::correlation`]). Where a cell creeps, the time at which a
+//! load came on has an error too ([`creep`]): it is the same in all readings after it. The error of
+//! g is common to everything and is added at the end.
 //!
-//! Where the cell was mounted anew between series ([`iso376`]), each mounting has a zero and a slope of its own. The slope of the
-//! cell is their mean, and their scatter enters its uncertainty: the next mounting will be another.
+//! Where the cell was mounted anew between series ([`iso376`]), each mounting has a zero and a
+//! slope of its own. The slope of the cell is their mean, and their scatter enters its uncertainty:
+//! the next mounting will be another.
 
 pub mod causes;
 pub mod conversion;
@@ -72,8 +75,9 @@ pub struct Options {
     /// Where the cord of the weights runs over a pulley: its friction, at most this part of the
     /// load either way.
     pub pulley_friction: Option<f64>,
-    /// Standard error of the time at which a load came on, s, for readings that do not give their own. A weight that is put
-    /// on by hand takes some tenths of a second. It counts where a cell creeps.
+    /// Standard error of the time at which a load came on, s, for readings that do not give their
+    /// own. A weight that is put on by hand takes some tenths of a second. It counts where a cell
+    /// creeps.
     pub load_time_sd_s: f64,
     /// Weights that may have been meant, g: see [`entries`].
     pub weights_g: Vec<f64>,
@@ -137,10 +141,12 @@ impl Options {
     }
 }
 
-/// Largest repeatability of a cell in order, N and as a part of the largest load: ten times what plain bearings, swinging weights and
-/// poor cells do (docs/calibration.md). Beyond it, something is wrong.
+/// Largest repeatability of a cell in order, N and as a part of the largest load: ten times what
+/// plain bearings, swinging weights and poor cells do (docs/calibration.md). Beyond it, something
+/// is wrong.
 const LARGEST_SCATTER: (f64, f64) = (0.02, 0.003);
-/// Part of a force that a cord loses that is off the axis of the cell by 2 degrees: 1 - cos 2 degrees.
+/// Part of a force that a cord loses that is off the axis of the cell by 2 degrees: 1 - cos 2
+/// degrees.
 const CORD: f64 = 6.1e-4;
 
 /// The largest weight, g: the one that stays on for the creep.
@@ -188,7 +194,8 @@ pub struct Gain {
     pub n_per_code_sd: f64,
     /// Half width of the 95 % interval of the scale, N per code.
     pub n_per_code_half_95: f64,
-    /// Relative standard uncertainties of the scale: from the readings, from the weights, from gravity.
+    /// Relative standard uncertainties of the scale: from the readings, from the weights, from
+    /// gravity.
     pub relative_parts: UncertaintyParts,
     /// Code of the empty cell, at mean temperature and the time of the first reading.
     pub zero_code: f64,
@@ -202,7 +209,8 @@ pub struct Gain {
     pub creep: Option<CreepTerm>,
     /// Repeatability beyond the readings' own standard errors, codes (standard deviation).
     pub repeatability_codes: f64,
-    /// Chi-square of the residuals with the readings' own standard errors and the weights' errors only.
+    /// Chi-square of the residuals with the readings' own standard errors and the weights' errors
+    /// only.
     pub chi_square: f64,
     /// Degrees of freedom.
     pub degrees_of_freedom: usize,
@@ -296,8 +304,8 @@ fn beyond(used: &[Reading], options: &Options, model: &Model, solution: &Solutio
     sd_per_n * (LARGEST_FORCE_N - largest_n).max(0.0)
 }
 
-/// Mountings beside the first, and the relative standard uncertainty of the scale in a further one: the scatter of the scales, and
-/// that of their mean.
+/// Mountings beside the first, and the relative standard uncertainty of the scale in a further one:
+/// the scatter of the scales, and that of their mean.
 fn remounting(model: &Model, solution: &Solution) -> (usize, f64) {
     let at = |(i, term): (usize, &Term)| {
         matches!(term, Term::MountingSlope(_)).then(|| solution.beta[2 + i])
@@ -321,8 +329,9 @@ const TERM_LEVEL: f64 = 0.01;
 /// Scale of a cell from readings under weights, in any order, with repeats.
 ///
 /// # Errors
-/// [`GainError`]; in particular [`GainError::WrongEntries`] with each reading that belongs to another weight or to none.
-/// Put its line into [`Options::corrections_g`] or [`Options::left_out`] and fit again.
+/// [`GainError`]; in particular [`GainError::WrongEntries`] with each reading that belongs to
+/// another weight or to none. Put its line into [`Options::corrections_g`] or [`Options::left_out`]
+/// and fit again.
 pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
     let used = usable(readings, options)?;
     let wrong = entries::find(&used, options);
@@ -344,7 +353,8 @@ pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
             Ok(solution) if creep_search::is_significant(&free, &solution) => {
                 (model, best) = (free, solution);
             }
-            // Creep that a free time constant takes the significance from would only widen the interval of the gain.
+            // Creep that a free time constant takes the significance from would only widen the
+            // interval of the gain.
             _ => {
                 candidates.retain(|term| *term != Term::Creep);
                 (model, best) = select(&used, options, &candidates)?;
@@ -468,14 +478,16 @@ fn with(
     found.map(|solution| (more, solution))
 }
 
-/// Largest part of the range that a curve may take before the readings count as wrong rather than the cell as curved; with
-/// this many different weights, which show a curve as such, and with fewer.
+/// Largest part of the range that a curve may take before the readings count as wrong rather than
+/// the cell as curved; with this many different weights, which show a curve as such, and with
+/// fewer.
 const LARGEST_CURVE: (usize, f64, f64) = (6, 0.25, 0.05);
 /// Largest part of the range that creep may take.
 const LARGEST_CREEP: f64 = 0.25;
 
-/// Whether readings that leave the line leave it because the cell is curved or creeps: with that taken off, none is wrong.
-/// A wrong entry can't pass for a curve: it bends the curve away from all others.
+/// Whether readings that leave the line leave it because the cell is curved or creeps: with that
+/// taken off, none is wrong. A wrong entry can't pass for a curve: it bends the curve away from all
+/// others.
 fn only_shaped(used: &[Reading], options: &Options) -> bool {
     let Ok(mut best) = solve(used, options, &Model::of(used)) else {
         return false;
@@ -684,8 +696,8 @@ fn finish(
 }
 
 impl Gain {
-    /// Force of a code above the zero, N, with the quadratic term where there is one, at the reference temperature.
-    /// NaN where the curve does not reach the code.
+    /// Force of a code above the zero, N, with the quadratic term where there is one, at the
+    /// reference temperature. NaN where the curve does not reach the code.
     #[must_use]
     pub fn force_n(&self, code_above_zero: f64) -> f64 {
         let b = self.codes_per_n;

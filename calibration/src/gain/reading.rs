@@ -30,7 +30,8 @@ pub struct Reading {
     pub time_s: Option<f64>,
     /// When the load came on, s from the same start, where known.
     pub since_s: Option<f64>,
-    /// Standard error of [`Self::since_s`], s, where known; else [`Options::load_time_sd_s`] stands for it.
+    /// Standard error of [`Self::since_s`], s, where known; else [`Options::load_time_sd_s`] stands
+    /// for it.
     pub since_sd_s: Option<f64>,
     /// Temperature of the cell, degrees Celsius, where a sensor gives it.
     pub temperature_c: Option<f64>,
@@ -57,14 +58,15 @@ const COLUMNS: [&str; 9] = [
     "series",
 ];
 
-/// Reads a table with the columns `weight_g`, `code`, `standard_error` (codes) and, where known, `direction`
-/// (`loading` or `unloading`), `time_s`, `since_s`, `since_sd_s`, `temperature_c`, `series` (0 to 7, see
-/// [`super::iso376`]). `file` is the name that errors give.
-/// Without `standard_error`, the scatter of the readings of one weight stands for it.
+/// Reads a table with the columns `weight_g`, `code`, `standard_error` (codes) and, where known,
+/// `direction` (`loading` or `unloading`), `time_s`, `since_s`, `since_sd_s`, `temperature_c`,
+/// `series` (0 to 7, see [`super::iso376`]). `file` is the name that errors give. Without
+/// `standard_error`, the scatter of the readings of one weight stands for it.
 ///
 /// # Errors
-/// [`InputError`] with the line of the first cell that can't be used: weights from 0 to 3,000 g, codes of 24 bits,
-/// standard errors above 0, standard errors of times not below 0, temperatures in all lines or in none.
+/// [`InputError`] with the line of the first cell that can't be used: weights from 0 to 3,000 g,
+/// codes of 24 bits, standard errors above 0, standard errors of times not below 0, temperatures in
+/// all lines or in none.
 pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
     let table = Table::parse(file, text)?;
     table.check_columns(&COLUMNS)?;
@@ -294,14 +296,16 @@ pub(super) fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Read
     Ok(used)
 }
 
-/// Refuses rows that are there twice: they would count as readings of their own and make the interval too narrow.
+/// Refuses rows that are there twice: they would count as readings of their own and make the
+/// interval too narrow.
 fn no_copies(readings: &[Reading]) -> Result<(), GainError> {
     for (i, reading) in readings.iter().enumerate() {
         let is_copy = |earlier: &&Reading| {
             let same = earlier.weight_g == reading.weight_g && earlier.code == reading.code;
             same && match (earlier.time_s, reading.time_s) {
                 (Some(a), Some(b)) => a == b,
-                // Without times: two means with all their digits equal. A whole number may come back by chance.
+                // Without times: two means with all their digits equal. A whole number may come
+                // back by chance.
                 (None, None) => {
                     reading.code.fract() != 0.0
                         && earlier.standard_error_codes == reading.standard_error_codes
@@ -319,8 +323,8 @@ fn no_copies(readings: &[Reading]) -> Result<(), GainError> {
     Ok(())
 }
 
-/// Takes the steps of the zero from one mounting of the cell to the next off the codes: they are no mistake of the readings. What the
-/// empty cells don't tell exactly is a column of the fit.
+/// Takes the steps of the zero from one mounting of the cell to the next off the codes: they are no
+/// mistake of the readings. What the empty cells don't tell exactly is a column of the fit.
 fn level(used: &mut [Reading]) {
     let empty = |used: &[Reading], mounting: u8| {
         let codes = used.iter().filter(|r| r.weight_g == 0.0);

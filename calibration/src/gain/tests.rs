@@ -169,7 +169,8 @@ fn weights_count_once_however_often_they_are_put_on() {
     // The weights' tolerance is nearly all of it, and repeating doesn't lessen it.
     assert!((once.n_per_code_sd / twice.n_per_code_sd - 1.0).abs() < 0.02);
     assert!(twice.relative_parts.weights > 10.0 * twice.relative_parts.readings);
-    // Seven relative errors of 0.1 %/sqrt 3, the line through the origin: 0.022 %; the zero is free, so a little more.
+    // Seven relative errors of 0.1 %/sqrt 3, the line through the origin: 0.022 %; the zero is
+    // free, so a little more.
     assert!((2.1e-4..3.2e-4).contains(&twice.relative_parts.weights));
 }
 
@@ -545,7 +546,8 @@ fn a_strongly_curved_cell_is_no_list_of_wrong_entries() {
     ));
 }
 
-/// A series of two rounds and a hold on a cell that is curved by `curve` (1/N) and creeps by `share` in `tau_s`.
+/// A series of two rounds and a hold on a cell that is curved by `curve` (1/N) and creeps by
+/// `share` in `tau_s`.
 fn creeping(seed: u64, curve: f64, share: f64, tau_s: f64, hold: usize) -> Vec<Reading> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let errors: Vec<f64> = WEIGHTS_G
@@ -616,8 +618,9 @@ fn curve_and_creep_are_found_together_with_intervals() {
     }
 }
 
-/// Three weights once up and down and 12 s of hold on the emulated rig, seed 7, unit 3, whose cells do not creep. Readings right
-/// after a change of the load differ by 0.2 mN: as creep of 0.5 s that is significant until the time constant is free.
+/// Three weights once up and down and 12 s of hold on the emulated rig, seed 7, unit 3, whose cells
+/// do not creep. Readings right after a change of the load differ by 0.2 mN: as creep of 0.5 s that
+/// is significant until the time constant is free.
 const SHORT_SERIES: &str = "\
 weight_g,code,standard_error,direction,time_s,since_s,since_sd_s
 0,8433.009,12.0492,,1.500,0.000,0.000

@@ -1,9 +1,10 @@
 //! The chain of the thesis (3.5.2): base, station, plate, station, and so on.
 //!
-//! The first station is tied to the base by Kabsch's algorithm. A plate carries a frame of its own: origin in hole 1,
-//! x to hole 2, z normal to the three holes, y = z x x. Seen from a station that is placed and from one that is not, it
-//! places the second. Further plates between the same stations are not used; that is what the joint
-//! estimate gains. Each point is taken from the first station, in the order they are placed, that has measured it.
+//! The first station is tied to the base by Kabsch's algorithm. A plate carries a frame of its own:
+//! origin in hole 1, x to hole 2, z normal to the three holes, y = z x x. Seen from a station that
+//! is placed and from one that is not, it places the second. Further plates between the same
+//! stations are not used; that is what the joint estimate gains. Each point is taken from the first
+//! station, in the order they are placed, that has measured it.
 
 use super::network::{Items, Network};
 use super::points::Label;
@@ -14,8 +15,8 @@ use crate::se3::Pose;
 use nalgebra::{DMatrix, Matrix3, SMatrix, Vector3};
 use std::collections::BTreeMap;
 
-/// The frame of a plate from its three holes (thesis 3.5.2): the motion from plate coordinates to those of the holes.
-/// `None` where the holes lie on a line.
+/// The frame of a plate from its three holes (thesis 3.5.2): the motion from plate coordinates to
+/// those of the holes. `None` where the holes lie on a line.
 #[must_use]
 pub fn plate_frame(
     hole_1_m: &Vector3<f64>,
@@ -122,8 +123,8 @@ fn units_of(
     Ok(units)
 }
 
-/// Units by the chain, with covariances from the digitizer's standard deviation (central differences over all
-/// measured means). `with_covariance: false` leaves them 0 and saves the time.
+/// Units by the chain, with covariances from the digitizer's standard deviation (central
+/// differences over all measured means). `with_covariance: false` leaves them 0 and saves the time.
 pub(super) fn solve(
     network: &Network<'_>,
     sd_m: f64,

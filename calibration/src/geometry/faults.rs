@@ -1,22 +1,24 @@
 //! Faults among digitizer points, told apart by likelihood.
 //!
-//! Where the residuals of the joint fit are too large, each of these explanations is tried: readings changed back as the
-//! explanation says, everything fitted anew, and its evidence taken:
+//! Where the residuals of the joint fit are too large, each of these explanations is tried:
+//! readings changed back as the explanation says, everything fitted anew, and its evidence taken:
 //!
 //! ```text
-//! ln evidence = ln prior - chi^2 / 2 - c (free points + readings set aside) - b (halves of a bumped station)
+//! ln evidence = ln prior - chi^2 / 2 - c (free points + readings set aside)
+//!               - b (halves of a bumped station)
 //! ```
 //!
-//! `c = ln(V / ((2 pi)^(3/2) sd^3))` is what a free position costs that may lie anywhere in the volume V = 1 m^3, and
-//! `b` the like for a bump of some 20 mm and 50 mrad: an explanation that frees more can fit more, and pays for it.
-//! Coordinates that are multiplied by `k` cost `3 ln(1/k)` each, since a density in mm is not one in m. No fixed limit decides;
-//! the probability of an explanation is its share of the evidence of all. The best is taken, and the search
-//! goes on until the rest fits.
+//! `c = ln(V / ((2 pi)^(3/2) sd^3))` is what a free position costs that may lie anywhere in the
+//! volume V = 1 m^3, and `b` the like for a bump of some 20 mm and 50 mrad: an explanation that
+//! frees more can fit more, and pays for it. Coordinates that are multiplied by `k` cost
+//! `3 ln(1/k)` each, since a density in mm is not one in m. No fixed limit decides; the probability
+//! of an explanation is its share of the evidence of all. The best is taken, and the search goes on
+//! until the rest fits.
 //!
-//! What can't be seen: a fault in a point that is measured from one station only, all repeats alike; two exchanged
-//! holes of a plate whose triangle has two equal sides (make all three differ by some mm); and a mirrored
-//! station that is tied by points in one plane (three holes of one plate are), since it fits as well as the
-//! true one.
+//! What can't be seen: a fault in a point that is measured from one station only, all repeats
+//! alike; two exchanged holes of a plate whose triangle has two equal sides (make all three differ
+//! by some mm); and a mirrored station that is tied by points in one plane (three holes of one
+//! plate are), since it fits as well as the true one.
 
 use super::network::{Items, Network};
 use super::points::{Label, PointReading};
@@ -76,8 +78,8 @@ pub struct Finding {
     pub at: Vec<Location>,
     /// Share of the evidence, 0 to 1.
     pub probability: f64,
-    /// Other explanations with a share above a twentieth, best first. A plate that two stations see only can't tell
-    /// which of them has its labels exchanged.
+    /// Other explanations with a share above a twentieth, best first. A plate that two stations see
+    /// only can't tell which of them has its labels exchanged.
     pub alternatives: Vec<Finding>,
 }
 
@@ -138,8 +140,8 @@ impl std::fmt::Display for Finding {
     }
 }
 
-/// Readings from one station with the same numbers to the last digit, where chance does not make them: the digitizer's
-/// resolution is taken from the numbers themselves.
+/// Readings from one station with the same numbers to the last digit, where chance does not make
+/// them: the digitizer's resolution is taken from the numbers themselves.
 pub(super) fn copies(readings: &[PointReading], sd_m: f64) -> Vec<Finding> {
     // The coarsest decimal step that all coordinates are multiples of.
     let step = (1..=9)

@@ -1,11 +1,12 @@
-//! Where the units are: exit points and load-cell axes in the robot's base frame, from digitizer points (thesis 3.5.2).
+//! Where the units are: exit points and load-cell axes in the robot's base frame, from digitizer
+//! points (thesis 3.5.2).
 //!
-//! [`survey`] does all of it: the joint estimate of all stations and points with covariances, the chain
-//! of the thesis beside it ([`chain`]), and the search for faults in the points where they do not fit together ([`faults`]).
-//! The labels and the tables are in [`points`].
+//! [`survey`] does all of it: the joint estimate of all stations and points with covariances, the
+//! chain of the thesis beside it ([`chain`]), and the search for faults in the points where they do
+//! not fit together ([`faults`]). The labels and the tables are in [`points`].
 //!
-//! Uncertainties rest on the digitizer's standard deviation, which the caller gives. Whether the points bear it out is
-//! told by [`Survey::p`] and [`Survey::sd_estimate_m`].
+//! Uncertainties rest on the digitizer's standard deviation, which the caller gives. Whether the
+//! points bear it out is told by [`Survey::p`] and [`Survey::sd_estimate_m`].
 
 pub mod chain;
 pub mod faults;
@@ -30,10 +31,11 @@ use std::collections::BTreeMap;
 /// What [`survey`] has to know besides the points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Standard deviation of the digitizer in one coordinate, m. The MicroScribe MX with a hand on it: about 2e-4.
+    /// Standard deviation of the digitizer in one coordinate, m. The MicroScribe MX with a hand on
+    /// it: about 2e-4.
     pub digitizer_sd_m: f64,
-    /// A point of the workspace, base frame, m: the axes point towards it. Without it they follow the right-hand rule
-    /// over the cell points 1, 2, 3.
+    /// A point of the workspace, base frame, m: the axes point towards it. Without it they follow
+    /// the right-hand rule over the cell points 1, 2, 3.
     pub workspace_center_m: Option<Vector3<f64>>,
     /// Faults are looked for where the p-value of all residuals is below this.
     pub alarm_level: f64,
@@ -57,8 +59,8 @@ impl Default for Options {
 pub struct Survey {
     /// The units by the joint estimate.
     pub units: Vec<UnitGeometry>,
-    /// Covariance of all units together, six rows a unit (`exit_m`, `axis`), in the order of [`Self::units`]. Errors of the
-    /// stations are common to units, so it is not block-diagonal.
+    /// Covariance of all units together, six rows a unit (`exit_m`, `axis`), in the order of
+    /// [`Self::units`]. Errors of the stations are common to units, so it is not block-diagonal.
     pub covariance: DMatrix<f64>,
     /// The units by the chain of the thesis, or why it can't be followed.
     pub chain: Result<Vec<UnitGeometry>, GeometryError>,
@@ -70,7 +72,8 @@ pub struct Survey {
     pub degrees_of_freedom: usize,
     /// Probability of residuals at least as large.
     pub p: f64,
-    /// Standard deviation of the digitizer that the residuals show, m; NaN without degrees of freedom.
+    /// Standard deviation of the digitizer that the residuals show, m; NaN without degrees of
+    /// freedom.
     pub sd_estimate_m: f64,
     /// Residual of each reading, in the order given.
     pub residuals: Vec<PointResidual>,
@@ -187,7 +190,8 @@ pub enum GeometryError {
 /// Exit points and axes of all units, from readings of the digitizer.
 ///
 /// # Errors
-/// [`GeometryError`]. [`GeometryError::Faults`] names readings that do not fit; nothing is estimated from them.
+/// [`GeometryError`]. [`GeometryError::Faults`] names readings that do not fit; nothing is
+/// estimated from them.
 pub fn survey(
     readings: &[PointReading],
     reference: &Reference,
@@ -235,10 +239,12 @@ pub fn survey(
     finish(readings, &network, &solution, options)
 }
 
-/// The Cramer-Rao bound of a survey: covariances of the units that no unbiased estimate can beat, at true positions.
+/// The Cramer-Rao bound of a survey: covariances of the units that no unbiased estimate can beat,
+/// at true positions.
 ///
-/// `readings` say which points are measured from which station how often; their coordinates only start the search for
-/// the stations' poses and the bound is taken at the fit. Give noise-free readings to get it at the truth.
+/// `readings` say which points are measured from which station how often; their coordinates only
+/// start the search for the stations' poses and the bound is taken at the fit. Give noise-free
+/// readings to get it at the truth.
 ///
 /// # Errors
 /// As [`survey`].
@@ -257,8 +263,8 @@ pub fn cramer_rao(
     Ok(units_of(&items, &solution, options)?.0)
 }
 
-/// Whether points that do not fit the reference fit it once each is mirrored: two axes of the table are exchanged, or one has
-/// the wrong sign.
+/// Whether points that do not fit the reference fit it once each is mirrored: two axes of the table
+/// are exchanged, or one has the wrong sign.
 #[must_use]
 pub fn is_mirrored(readings: &[PointReading], reference: &Reference, options: &Options) -> bool {
     let sd = options.digitizer_sd_m;

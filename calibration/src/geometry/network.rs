@@ -2,15 +2,16 @@
 //!
 //! # Model
 //!
-//! A station `s` measures point `l` as `z = T_s p_l + noise`, with `T_s` the motion from the base frame to the
-//! digitizer's frame at that station, `p_l` the point in the base frame and independent noise of equal standard
-//! deviation in each coordinate. Unknown are all `T_s` and all `p_l` that the CAD model does not give.
+//! A station `s` measures point `l` as `z = T_s p_l + noise`, with `T_s` the motion from the base
+//! frame to the digitizer's frame at that station, `p_l` the point in the base frame and
+//! independent noise of equal standard deviation in each coordinate. Unknown are all `T_s` and all
+//! `p_l` that the CAD model does not give.
 //!
-//! Gauss-Newton on SE(3), steps acting from the left ([`crate::se3`]). With `q = T p` the residual `q - z` has the
-//! derivatives `[I, -skew(q)]` to the step and `R` to the point ([`jacobians`]). A point enters the normal equations
-//! through a 3 x 3 block of its own, so points are eliminated first (Schur complement) and a system of six unknowns a
-//! station is left. The inverse of the normal matrix is the covariance; at the true values it is the
-//! Cramer-Rao bound.
+//! Gauss-Newton on SE(3), steps acting from the left ([`crate::se3`]). With `q = T p` the residual
+//! `q - z` has the derivatives `[I, -skew(q)]` to the step and `R` to the point ([`jacobians`]). A
+//! point enters the normal equations through a 3 x 3 block of its own, so points are eliminated
+//! first (Schur complement) and a system of six unknowns a station is left. The inverse of the
+//! normal matrix is the covariance; at the true values it is the Cramer-Rao bound.
 
 use super::points::{Label, PointReading, Reference};
 use super::GeometryError;
@@ -192,8 +193,8 @@ impl<'i> Network<'i> {
             .saturating_sub(3 * free + 6 * (stations.len() - linked))
     }
 
-    /// A first estimate: stations placed one after the other by Kabsch's algorithm on points that are already placed, the
-    /// station with the most of them next.
+    /// A first estimate: stations placed one after the other by Kabsch's algorithm on points that
+    /// are already placed, the station with the most of them next.
     pub fn initial(&self, sd_m: f64) -> Result<State, GeometryError> {
         let data = self.data;
         let mut landmarks = data.known_m.clone();
@@ -279,8 +280,9 @@ impl<'i> Network<'i> {
                 shared: labels().join(", "),
             });
         };
-        // Squared distances from the best line, in units of the digitizer's variance, are chi-square with
-        // 2 k - 4 degrees of freedom where the points lie on a line and only the digitizer moves them off it.
+        // Squared distances from the best line, in units of the digitizer's variance, are
+        // chi-square with 2 k - 4 degrees of freedom where the points lie on a line and only the
+        // digitizer moves them off it.
         let measured = kabsch::align(&to, &to, &weights);
         let off_line = measured.map_or(0.0, |m| m.spread_m[1].powi(2) + m.spread_m[2].powi(2));
         let p = stats::chi_square_survival(off_line / (sd_m * sd_m), 2 * common.len() - 4);
@@ -398,7 +400,8 @@ impl<'i> Network<'i> {
         let weights = bump_weights();
         let weight = Matrix6::from_diagonal(&weights.component_mul(&weights));
         for &(a, b) in &self.data.links {
-            // The bump exp(d) = T_b T_a^-1 changes by the step of b less that of a, to first order in its size.
+            // The bump exp(d) = T_b T_a^-1 changes by the step of b less that of a, to first order
+            // in its size.
             let slope = weights.component_mul(&bump(state, a, b));
             for (i, j, sign) in [(a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)] {
                 let mut block = out.stations.fixed_view_mut::<6, 6>(6 * i, 6 * j);
@@ -420,7 +423,8 @@ impl<'i> Network<'i> {
         out
     }
 
-    /// Covariance and chi-square at a state, without moving it. At the truth, the covariance is the Cramer-Rao bound.
+    /// Covariance and chi-square at a state, without moving it. At the truth, the covariance is the
+    /// Cramer-Rao bound.
     pub fn at(&self, state: State, sd_m: f64) -> Result<Solution, GeometryError> {
         let normal = self.normal(&state, sd_m);
         let (reduced, _) = normal.reduced(0.0).ok_or(GeometryError::Undetermined)?;
@@ -635,7 +639,8 @@ mod tests {
         }
     }
 
-    /// The Schur complement against one dense normal matrix made from finite differences of the cost.
+    /// The Schur complement against one dense normal matrix made from finite differences of the
+    /// cost.
     #[test]
     fn covariance_matches_the_dense_inverse() {
         let scene = testing::scene(2);

@@ -106,16 +106,18 @@ pub struct PointReading {
 pub struct Reference {
     /// Position of each hole, m, by the name after `base_`.
     pub holes_m: BTreeMap<String, Vector3<f64>>,
-    /// Standard deviation of a coordinate, m: how exactly the holes were made. 0 takes the CAD model as exact.
+    /// Standard deviation of a coordinate, m: how exactly the holes were made. 0 takes the CAD
+    /// model as exact.
     pub hole_sd_m: f64,
 }
 
-/// Largest coordinate that makes sense, m: no digitizer arm reaches further, and a table in mm that claims to be in m
-/// has coordinates in the hundreds. Not a test for units: see [`super::faults`].
+/// Largest coordinate that makes sense, m: no digitizer arm reaches further, and a table in mm that
+/// claims to be in m has coordinates in the hundreds. Not a test for units: see [`super::faults`].
 const FURTHEST_M: f64 = 1e5;
 
-/// Reads digitizer points from a table with the columns `label`, `x_mm`, `y_mm`, `z_mm` (or `x_m`, `y_m`, `z_m`) and
-/// `station`. The unit has to be declared in the header. `file` is the name that errors give.
+/// Reads digitizer points from a table with the columns `label`, `x_mm`, `y_mm`, `z_mm` (or `x_m`,
+/// `y_m`, `z_m`) and `station`. The unit has to be declared in the header. `file` is the name that
+/// errors give.
 ///
 /// # Errors
 /// [`InputError`] with the line of the first cell that can't be used.
@@ -148,8 +150,8 @@ pub fn read_points(file: &str, text: &str) -> Result<Vec<PointReading>, InputErr
         .collect()
 }
 
-/// Reads the base holes from a table with the columns `label` (`base_NAME`) and `x_mm`, `y_mm`, `z_mm` (or `x_m`, ...).
-/// `hole_sd_m` as in [`Reference`].
+/// Reads the base holes from a table with the columns `label` (`base_NAME`) and `x_mm`, `y_mm`,
+/// `z_mm` (or `x_m`, ...). `hole_sd_m` as in [`Reference`].
 ///
 /// # Errors
 /// [`InputError`] with the line of the first cell that can't be used; a hole given twice is one.

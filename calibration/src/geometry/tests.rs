@@ -42,7 +42,8 @@ fn cell_points_that_are_nearly_on_a_line_give_no_axis() {
     let mut scene = scene(3);
     let at = |scene: &Scene, point| scene.points_m[&Label::Cell { unit: 4, point }];
     let (a, b) = (at(&scene, 1), at(&scene, 2));
-    // A tenth of a millimetre off the middle of the two others: half of the digitizer's standard deviation.
+    // A tenth of a millimetre off the middle of the two others: half of the digitizer's standard
+    // deviation.
     let off = (b - a).cross(&Vector3::new(0.3, 0.8, -0.5)).normalize();
     let third = 0.5 * (a + b) + off * 1e-4;
     scene
@@ -92,8 +93,9 @@ fn a_mirrored_table_is_told_from_one_with_a_fault() {
     assert!(!is_mirrored(&part, &scene.reference, &options()));
 }
 
-/// Normalised squared errors over many surveys: their mean has to be the degrees of freedom, for the joint estimate and the
-/// chain; and the joint estimate is better than the chain and not better than its bound.
+/// Normalised squared errors over many surveys: their mean has to be the degrees of freedom, for
+/// the joint estimate and the chain; and the joint estimate is better than the chain and not better
+/// than its bound.
 #[test]
 fn covariances_are_those_of_the_errors() {
     let scene = layout(2, 0.1, 4, true);
@@ -128,8 +130,8 @@ fn covariances_are_those_of_the_errors() {
         }
     }
     let n = (6 * draws) as f64;
-    // Chi-square of 3 degrees of freedom; the six units share station errors, so at worst 120 independent means of 3
-    // with a standard deviation of sqrt(6 / 120) = 0.22.
+    // Chi-square of 3 degrees of freedom; the six units share station errors, so at worst 120
+    // independent means of 3 with a standard deviation of sqrt(6 / 120) = 0.22.
     for mean in [joint / n, chain / n] {
         assert!((2.3..3.7).contains(&mean), "{mean}");
     }
@@ -166,7 +168,8 @@ fn exchanged_labels_are_named() {
         let found = faults_of(&scene, &readings);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(matches!(found[0].fault, Fault::Swapped { .. }), "{found:?}");
-        // B and C see plate 2 and nobody else does: all repeats exchanged at C look the same as at B.
+        // B and C see plate 2 and nobody else does: all repeats exchanged at C look the same as at
+        // B.
         let all: Vec<&Finding> = found.iter().chain(&found[0].alternatives).collect();
         let right = all.iter().find(|f| {
             let mut named: Vec<usize> = f.at.iter().map(|l| l.line).collect();

@@ -1,14 +1,15 @@
 //! Exit point and load-cell axis of each unit from its four points, with covariances.
 //!
-//! The axis is the normal of three points on the face of the load cell (thesis 3.5.2), `(b - a) x (c - a)` of unit
-//! length. To first order it moves with its points as [`normal_jacobian`] states, and across itself only, so
-//! its covariance has rank two.
+//! The axis is the normal of three points on the face of the load cell (thesis 3.5.2),
+//! `(b - a) x (c - a)` of unit length. To first order it moves with its points as
+//! [`normal_jacobian`] states, and across itself only, so its covariance has rank two.
 
 use super::points::Label;
 use super::GeometryError;
 use nalgebra::{DMatrix, Matrix3, SMatrix, SymmetricEigen, Vector3};
 
-/// Standard deviation of an axis above which its linear covariance, and so the axis, means nothing, rad.
+/// Standard deviation of an axis above which its linear covariance, and so the axis, means nothing,
+/// rad.
 const LARGEST_AXIS_SD_RAD: f64 = 0.1;
 
 /// Where a unit is and how its load cell looks.
@@ -51,8 +52,8 @@ impl UnitGeometry {
     }
 }
 
-/// The unit normal of three points by the right-hand rule, and the length of `(b - a) x (c - a)`, m^2. `None` where
-/// the points lie on a line.
+/// The unit normal of three points by the right-hand rule, and the length of `(b - a) x (c - a)`,
+/// m^2. `None` where the points lie on a line.
 pub(super) fn normal(
     a: &Vector3<f64>,
     b: &Vector3<f64>,
@@ -83,10 +84,12 @@ pub(super) fn normal_jacobian(
     Some(out)
 }
 
-/// Units whose four points are there, with the covariance of all of them together (six rows a unit, in order).
+/// Units whose four points are there, with the covariance of all of them together (six rows a unit,
+/// in order).
 ///
-/// `position` gives a point in the base frame, `covariance` that of two points. A unit that has some of its points
-/// only is an error, and so is one whose cell points lie so close to a line that they give no axis.
+/// `position` gives a point in the base frame, `covariance` that of two points. A unit that has
+/// some of its points only is an error, and so is one whose cell points lie so close to a line that
+/// they give no axis.
 pub(super) fn assemble(
     labels: &[Label],
     position: impl Fn(&Label) -> Option<Vector3<f64>>,

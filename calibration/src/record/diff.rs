@@ -1,4 +1,5 @@
-//! What differs between two records, number by number, and whether it is more than their own errors explain.
+//! What differs between two records, number by number, and whether it is more than their own errors
+//! explain.
 
 use super::{Record, UnitRecord};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
@@ -13,8 +14,8 @@ pub struct Difference {
     pub old: String,
     /// In the newer record.
     pub new: String,
-    /// Size of the change in standard deviations of both together, where that is known. Above 3 to 4 it is more than
-    /// the calibrations' own errors explain.
+    /// Size of the change in standard deviations of both together, where that is known. Above 3 to
+    /// 4 it is more than the calibrations' own errors explain.
     pub sigmas: Option<f64>,
 }
 

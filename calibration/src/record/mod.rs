@@ -1,5 +1,5 @@
-//! The calibration of a rig as one TOML text: zeros, gains, exit points and axes with their covariances, serial numbers, date
-//! and a hash over all of it.
+//! The calibration of a rig as one TOML text: zeros, gains, exit points and axes with their
+//! covariances, serial numbers, date and a hash over all of it.
 //!
 //! ```toml
 //! schema = 2
@@ -13,9 +13,10 @@
 //! ...
 //! ```
 //!
-//! [`Record::write`] puts the hash in, [`Record::read`] refuses a text whose hash is not that of its content: an edit by
-//! hand is seen. Reading is strict: unknown keys, missing keys, wrong types and values that can't be are errors with
-//! file, line and key. The caller gives the date; the crate has no clock.
+//! [`Record::write`] puts the hash in, [`Record::read`] refuses a text whose hash is not that of
+//! its content: an edit by hand is seen. Reading is strict: unknown keys, missing keys, wrong types
+//! and values that can't be are errors with file, line and key. The caller gives the date; the
+//! crate has no clock.
 
 use crate::input::Location;
 use nalgebra::{DMatrix, SMatrix, SymmetricEigen, Vector3};
@@ -26,10 +27,10 @@ mod diff;
 
 pub use diff::Difference;
 
-/// Version of the keys. Version 2 has the creep of a cell, the uncertainty of its curve, and serial numbers of unit and motor;
-/// a record of version 1 is read as one of cells that do not creep. Version 3 has what a
-/// certificate needs: operator, weights, how long the calibration is valid, and the figures of each
-/// gain.
+/// Version of the keys. Version 2 has the creep of a cell, the uncertainty of its curve, and serial
+/// numbers of unit and motor; a record of version 1 is read as one of cells that do not creep.
+/// Version 3 has what a certificate needs: operator, weights, how long the calibration is valid,
+/// and the figures of each gain.
 pub const SCHEMA: u32 = 3;
 /// The oldest version that is read.
 pub const OLDEST_SCHEMA: u32 = 1;
@@ -40,7 +41,8 @@ pub const OLDEST_SCHEMA: u32 = 1;
 pub struct Record {
     /// Version of the keys: [`SCHEMA`].
     pub schema: u32,
-    /// `sha256:` and 64 hexadecimal digits over the text without this line; set by [`Record::write`].
+    /// `sha256:` and 64 hexadecimal digits over the text without this line; set by
+    /// [`Record::write`].
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub hash: String,
     /// Date of the calibration, `YYYY-MM-DD`.
@@ -152,7 +154,8 @@ pub struct WeightsRecord {
     pub serial: String,
 }
 
-/// The temperature of the cell while its gain was measured, and what it changes, where the readings tell.
+/// The temperature of the cell while its gain was measured, and what it changes, where the readings
+/// tell.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TemperatureRecord {
@@ -191,8 +194,8 @@ pub struct Iso376Record {
     pub resolution_n: f64,
     /// Degree of the interpolation.
     pub degree: u8,
-    /// Of each load: force (N), b, b', fc, v, expanded uncertainty (k = 2) of the calibrating force, and of a force by the
-    /// cell.
+    /// Of each load: force (N), b, b', fc, v, expanded uncertainty (k = 2) of the calibrating
+    /// force, and of a force by the cell.
     pub loads: Vec<[f64; 7]>,
 }
 
@@ -378,7 +381,8 @@ impl Record {
         Ok(record)
     }
 
-    /// The text of the record, with its hash. Numbers are written so that they read back bit by bit.
+    /// The text of the record, with its hash. Numbers are written so that they read back bit by
+    /// bit.
     ///
     /// # Errors
     /// [`RecordError::Value`] where the record holds a value that [`Record::read`] would refuse.
@@ -397,13 +401,14 @@ impl Record {
         })
     }
 
-    /// `sha256:` and the SHA-256 of the content without the hash itself: the same for equal calibrations however the
-    /// text is laid out.
+    /// `sha256:` and the SHA-256 of the content without the hash itself: the same for equal
+    /// calibrations however the text is laid out.
     #[must_use]
     pub fn content_hash(&self) -> String {
         let mut bare = self.clone();
         bare.hash = String::new();
-        // Serialising plain numbers and strings to a String can't fail; an empty text would match no hash.
+        // Serialising plain numbers and strings to a String can't fail; an empty text would match
+        // no hash.
         let text = toml::to_string(&bare).unwrap_or_default();
         format!("sha256:{}", files::sha256_of(text))
     }
@@ -607,7 +612,8 @@ impl Record {
         Ok(())
     }
 
-    /// Covariance of exit points and axes of all units, six rows a unit, for [`crate::uncertainty`].
+    /// Covariance of exit points and axes of all units, six rows a unit, for
+    /// [`crate::uncertainty`].
     #[must_use]
     pub fn geometry_covariance(&self) -> DMatrix<f64> {
         let n = self.units.len();
@@ -628,8 +634,8 @@ impl Record {
         out
     }
 
-    /// Puts the covariance of all units in, six rows a unit in the order of [`Self::units`]; false where its size is
-    /// another.
+    /// Puts the covariance of all units in, six rows a unit in the order of [`Self::units`]; false
+    /// where its size is another.
     pub fn set_geometry_covariance(&mut self, all: &DMatrix<f64>) -> bool {
         let n = self.units.len();
         if all.nrows() != 6 * n || all.ncols() != 6 * n {
@@ -696,8 +702,8 @@ fn is_covariance(matrix: &SMatrix<f64, 6, 6>) -> bool {
     if !matrix.iter().all(|v| v.is_finite()) {
         return false;
     }
-    // An axis has no variance along itself: rounding may put an eigenvalue just below 0. Positions and axes have different
-    // units: compare in units of the standard deviations.
+    // An axis has no variance along itself: rounding may put an eigenvalue just below 0. Positions
+    // and axes have different units: compare in units of the standard deviations.
     let sd = matrix.diagonal().map(|v| v.max(0.0).sqrt());
     if matrix.diagonal().iter().any(|v| *v < 0.0) {
         return false;
@@ -749,8 +755,8 @@ struct Lines<'t> {
 }
 
 impl Lines<'_> {
-    /// Line of `key` at the top (`None`) or in the unit with this index; of the unit's header where the key isn't
-    /// there.
+    /// Line of `key` at the top (`None`) or in the unit with this index; of the unit's header where
+    /// the key isn't there.
     fn at(&self, unit: Option<usize>, key: &str) -> Location {
         let mut seen = 0;
         let mut line = 1;

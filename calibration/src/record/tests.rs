@@ -146,7 +146,8 @@ fn what_is_written_reads_back_bit_by_bit() {
 
 #[test]
 fn a_record_of_the_first_version_is_read_as_it_was_written() {
-    // The first version had the same keys without creep and without the figures of gains, and the hash over them.
+    // The first version had the same keys without creep and without the figures of gains, and the
+    // hash over them.
     let mut first = record();
     first.schema = 1;
     for unit in &mut first.units {

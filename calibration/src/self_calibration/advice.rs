@@ -1,8 +1,10 @@
 //! How much longer or further the robot has to move until a run tells an exit point well enough.
 //!
-//! Along the cable a run learns the exit point's distance only from the curvature of the length over the tip's motion across the
-//! cable: `d^2 / 2 L` for a motion `d` at a distance `L`. The standard deviation along it falls with the square of the motion and with
-//! the square root of the time; across the cable it falls with the motion itself. Twice as far is worth sixteen times as long.
+//! Along the cable a run learns the exit point's distance only from the curvature of the length
+//! over the tip's motion across the cable: `d^2 / 2 L` for a motion `d` at a distance `L`. The
+//! standard deviation along it falls with the square of the motion and with the square root of the
+//! time; across the cable it falls with the motion itself. Twice as far is worth sixteen times as
+//! long.
 
 use super::ExitEstimate;
 use nalgebra::Vector3;
@@ -21,8 +23,8 @@ pub struct Needs {
 }
 
 impl ExitEstimate {
-    /// What this run lacks until every direction is known with a standard deviation of `limit_m`. `tip_m`: the middle of the
-    /// tip's motion.
+    /// What this run lacks until every direction is known with a standard deviation of `limit_m`.
+    /// `tip_m`: the middle of the tip's motion.
     #[must_use]
     pub fn needs(&self, limit_m: f64, tip_m: &Vector3<f64>) -> Needs {
         let worst = self.directions[2];

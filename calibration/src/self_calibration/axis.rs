@@ -22,12 +22,12 @@ pub struct AxisEstimate {
     pub singular_values: [f64; 3],
 }
 
-/// Gain and axis of a load cell from its readings (`cell_n`, N, zero taken off), tensions known independently of the
-/// cell and the exit point (m).
+/// Gain and axis of a load cell from its readings (`cell_n`, N, zero taken off), tensions known
+/// independently of the cell and the exit point (m).
 ///
-/// `sd_n` is the standard deviation of one cell reading less the projected tension, N, errors of the tension included;
-/// `observable_sd_rad` the limit for [`AxisEstimate::observed`]. The error of the exit point is not in the covariance:
-/// 1 mm at 0.4 m of cable turns the axis by 0.14 degrees.
+/// `sd_n` is the standard deviation of one cell reading less the projected tension, N, errors of
+/// the tension included; `observable_sd_rad` the limit for [`AxisEstimate::observed`]. The error of
+/// the exit point is not in the covariance: 1 mm at 0.4 m of cable turns the axis by 0.14 degrees.
 ///
 /// # Errors
 /// [`SelfCalibrationError`]; a tip that sees the unit from one direction only gives

@@ -23,8 +23,8 @@ pub struct ExitEstimate {
     pub degrees_of_freedom: usize,
     /// Directions of the exit point, best known first.
     pub directions: [Direction; 3],
-    /// Singular values of the Jacobian of all unknowns, whitened, priors left out, largest first. A value of 0 is a
-    /// combination that the run alone says nothing about.
+    /// Singular values of the Jacobian of all unknowns, whitened, priors left out, largest first. A
+    /// value of 0 is a combination that the run alone says nothing about.
     pub singular_values: Vec<f64>,
 }
 
@@ -60,8 +60,8 @@ pub struct Direction {
 /// Unknowns: exit x, y, z, length, scale, compliance.
 pub(super) const UNKNOWNS: usize = 6;
 
-/// Exit point of one unit from a run. `start_m` is a rough position (m), as from a digitizer or a tape measure; without
-/// one the lengths are solved linearly first.
+/// Exit point of one unit from a run. `start_m` is a rough position (m), as from a digitizer or a
+/// tape measure; without one the lengths are solved linearly first.
 ///
 /// # Errors
 /// [`SelfCalibrationError`].
@@ -109,8 +109,8 @@ pub fn exit_point(
         let next = &x + &step;
         let next_cost = model.cost(&next);
         if next_cost <= cost {
-            // A millionth of chi-square is far below what any statement rests on; a direction that is not
-            // observed would creep on for ever.
+            // A millionth of chi-square is far below what any statement rests on; a direction that
+            // is not observed would creep on for ever.
             let small = step.rows(0, 4).amax() < 1e-9 || cost - next_cost < 1e-6;
             x = next;
             cost = next_cost;
@@ -139,7 +139,8 @@ pub fn exit_point(
         return Err(not_observable);
     }
     if !done {
-        // A fit that goes on and on: along a direction that the run says nothing about, or because it is wrong.
+        // A fit that goes on and on: along a direction that the run says nothing about, or because
+        // it is wrong.
         let worst = covariance_m2.symmetric_eigenvalues().max();
         return Err(if worst > prior.observable_sd_m.powi(2) {
             not_observable
@@ -188,8 +189,8 @@ impl Model<'_> {
         ((exit - s.tip_m).norm() - x[3] - (1.0 + x[4]) * s.travel_m - x[5] * s.tension_n) / self.sd
     }
 
-    /// Scale and compliance against what is known of them, in standard deviations; a standard deviation of 0
-    /// holds them (1e-12 of one: far below what a run can tell).
+    /// Scale and compliance against what is known of them, in standard deviations; a standard
+    /// deviation of 0 holds them (1e-12 of one: far below what a run can tell).
     fn beliefs(&self, x: &DVector<f64>) -> [(f64, f64); 2] {
         let weight = |sd: f64, unit: f64| 1.0 / if sd > 0.0 { sd } else { 1e-9 * unit };
         let scale = weight(self.prior.scale_sd, 1.0);

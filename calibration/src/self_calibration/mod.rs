@@ -2,25 +2,29 @@
 //!
 //! # What a run determines
 //!
-//! A cable's length is the distance from the tip to its exit point. The encoder gives its change, the robot its tip:
+//! A cable's length is the distance from the tip to its exit point. The encoder gives its change,
+//! the robot its tip:
 //!
 //! ```text
 //! |x - p_k| = length_0 + (1 + scale) travel_k + compliance tension_k + error
 //! ```
 //!
-//! with the exit point `x`, the tip `p_k`, the paid-out travel, the cable's stretch, the length at zero travel. A tip
-//! that moves by some centimetres looks at `x` from different sides, so that `x` is found as by trilateration;
-//! along the cable it is found through the curvature of the distance only, and the error of the reel's scale
-//! looks much like it. [`Prior`] says what is known of scale and compliance.
+//! with the exit point `x`, the tip `p_k`, the paid-out travel, the cable's stretch, the length at
+//! zero travel. A tip that moves by some centimetres looks at `x` from different sides, so that `x`
+//! is found as by trilateration; along the cable it is found through the curvature of the distance
+//! only, and the error of the reel's scale looks much like it. [`Prior`] says what is known of
+//! scale and compliance.
 //!
-//! A cell reads `gain * tension_k (-a . d_k)`, so where a tension is known independently of the cell (motor current, a
-//! force gauge, force closure), `gain * a` follows by linear least squares ([`axis()`]).
+//! A cell reads `gain * tension_k (-a . d_k)`, so where a tension is known independently of the
+//! cell (motor current, a force gauge, force closure), `gain * a` follows by linear least squares
+//! ([`axis()`]).
 //!
-//! Errors of the tip enter through their part along the cable. They are taken as independent from sample to sample; an
-//! error of the robot's frame that is constant moves all exit points with it and is not seen.
+//! Errors of the tip enter through their part along the cable. They are taken as independent from
+//! sample to sample; an error of the robot's frame that is constant moves all exit points with it
+//! and is not seen.
 //!
-//! What a run does not determine is reported: the singular value decomposition of the scaled Jacobian gives the
-//! directions of the unknowns and how well each is known ([`Direction`]).
+//! What a run does not determine is reported: the singular value decomposition of the scaled
+//! Jacobian gives the directions of the unknowns and how well each is known ([`Direction`]).
 //!
 //! | file | content |
 //! | --- | --- |
@@ -62,13 +66,15 @@ pub struct Prior {
     pub travel_sd_m: f64,
     /// Standard deviation of one coordinate of the tip, m, independent from sample to sample.
     pub tip_sd_m: f64,
-    /// Standard deviation of the relative error of the travel's scale (reel radius): 0.002 for 20 um on 10 mm.
+    /// Standard deviation of the relative error of the travel's scale (reel radius): 0.002 for 20
+    /// um on 10 mm.
     pub scale_sd: f64,
     /// Expected stretch, m/N.
     pub compliance_m_per_n: f64,
     /// Its standard deviation, m/N.
     pub compliance_sd_m_per_n: f64,
-    /// A direction of the unknowns whose standard deviation is larger than this counts as not observed, m.
+    /// A direction of the unknowns whose standard deviation is larger than this counts as not
+    /// observed, m.
     pub observable_sd_m: f64,
 }
 
@@ -133,8 +139,8 @@ pub enum SelfCalibrationError {
     NoConvergence,
 }
 
-/// Two independent estimates of a position joined by their information (inverse covariances): position in m and
-/// covariance in m^2. `None` where a covariance can't be inverted.
+/// Two independent estimates of a position joined by their information (inverse covariances):
+/// position in m and covariance in m^2. `None` where a covariance can't be inverted.
 #[must_use]
 pub fn fuse(
     a: (&Vector3<f64>, &Matrix3<f64>),

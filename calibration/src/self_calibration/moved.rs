@@ -23,8 +23,8 @@ pub enum MovedVerdict {
     Unmoved,
     /// These units.
     Units(Vec<u8>),
-    /// All units as one body against the robot (or the robot against them): translation of their centre, m, and
-    /// rotation, rad.
+    /// All units as one body against the robot (or the robot against them): translation of their
+    /// centre, m, and rotation, rad.
     Body {
         /// Translation of the units' centre, m.
         translation_m: Vector3<f64>,
@@ -48,10 +48,10 @@ impl Displacement {
     }
 }
 
-/// Compares exit points from a run with the stored ones by chi-square, at the level `alpha` (0.001: one false alarm in
-/// 1,000 runs). Units that moved one by one and a rig that moved as a body are told apart by the Bayesian information
-/// criterion. `found` is matched to `stored` by unit number; units without a partner are left out. Correlations between
-/// units are not used.
+/// Compares exit points from a run with the stored ones by chi-square, at the level `alpha` (0.001:
+/// one false alarm in 1,000 runs). Units that moved one by one and a rig that moved as a body are
+/// told apart by the Bayesian information criterion. `found` is matched to `stored` by unit number;
+/// units without a partner are left out. Correlations between units are not used.
 #[must_use]
 pub fn moved(stored: &[UnitGeometry], found: &[(u8, ExitEstimate)], alpha: f64) -> Moved {
     let mut pairs: Vec<Displacement> = Vec::new();
@@ -81,7 +81,8 @@ pub fn moved(stored: &[UnitGeometry], found: &[(u8, ExitEstimate)], alpha: f64) 
         })
         .collect();
     let p = stats::chi_square_survival(total, 3 * pairs.len());
-    // One unit that moved is diluted among six: look at the worst as well, Bonferroni over both looks.
+    // One unit that moved is diluted among six: look at the worst as well, Bonferroni over both
+    // looks.
     let worst = units.iter().map(|u| u.2).fold(1.0, f64::min) * pairs.len() as f64;
     if p.min(worst) >= 0.5 * alpha {
         return Moved {
@@ -112,7 +113,8 @@ pub fn moved(stored: &[UnitGeometry], found: &[(u8, ExitEstimate)], alpha: f64) 
     Moved { p, units, verdict }
 }
 
-/// Small rigid motion of all units about their centre that explains the displacements best, and the chi-square it leaves.
+/// Small rigid motion of all units about their centre that explains the displacements best, and the
+/// chi-square it leaves.
 fn rigid(pairs: &[Displacement]) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
     if pairs.len() < 3 {
         return None;

@@ -73,8 +73,8 @@ pub fn map(
         .collect()
 }
 
-/// Poses on a cubic grid within a ball: about `across` points along a diameter, the centre one of them. Centre and radius in
-/// m.
+/// Poses on a cubic grid within a ball: about `across` points along a diameter, the centre one of
+/// them. Centre and radius in m.
 #[must_use]
 pub fn ball_grid(center_m: &Vector3<f64>, radius_m: f64, across: usize) -> Vec<Pose> {
     let half = (across.max(1) as i64 - 1) / 2;

@@ -1,9 +1,9 @@
 //! Which forces a rig can apply at the tip, where, and where its units should stand.
 //!
-//! With the directions `d_i` of the cables (from the tip to the exit points) and tensions within `[t_min, t_max]` (thesis
-//! 3.7: 2 to 12 N) the feasible forces at a pose are the zonotope `{ sum t_i d_i }`: [`zonotope`]. [`map`] looks
-//! at it over a set of poses, [`place`] moves exit points within mounting limits so that the least or the mean of it
-//! grows.
+//! With the directions `d_i` of the cables (from the tip to the exit points) and tensions within
+//! `[t_min, t_max]` (thesis 3.7: 2 to 12 N) the feasible forces at a pose are the zonotope
+//! `{ sum t_i d_i }`: [`zonotope`]. [`map`] looks at it over a set of poses, [`place`] moves exit
+//! points within mounting limits so that the least or the mean of it grows.
 
 pub mod map;
 pub mod place;

@@ -1,10 +1,11 @@
-//! Where the units should stand: exit points moved within their mounting limits so that more force is feasible over a set of
-//! poses (thesis 5.2).
+//! Where the units should stand: exit points moved within their mounting limits so that more force
+//! is feasible over a set of poses (thesis 5.2).
 //!
-//! The objective is not smooth (the least over faces and poses), and a unit has at most three numbers, so the search is by
-//! pattern (Hooke and Jeeves, *J. ACM* 8 (1961) 212): each number is tried by a step to either side, steps that help are
-//! kept and repeated, and the step is halved when none helps. It is started from the present rig and from random
-//! points within the limits (a fixed seed: the same input gives the same answer); for the least radius, the mean is climbed
+//! The objective is not smooth (the least over faces and poses), and a unit has at most three
+//! numbers, so the search is by pattern (Hooke and Jeeves, *J. ACM* 8 (1961) 212): each number is
+//! tried by a step to either side, steps that help are kept and repeated, and the step is halved
+//! when none helps. It is started from the present rig and from random points within the limits (a
+//! fixed seed: the same input gives the same answer); for the least radius, the mean is climbed
 //! first. The result is a local optimum, the best of the starts.
 
 use super::{cable_directions, Pose, WorkspaceError, Zonotope};
@@ -58,7 +59,8 @@ impl Mount {
         }
     }
 
-    /// The numbers of the allowed point nearest to the start (for a plate with right angles; near to it for others).
+    /// The numbers of the allowed point nearest to the start (for a plate with right angles; near
+    /// to it for others).
     fn numbers(&self, start_m: &Vector3<f64>) -> Vec<f64> {
         let part = |value: f64, size: f64| {
             if size > 0.0 {
@@ -182,10 +184,12 @@ pub fn value(
     })
 }
 
-/// Exit points for more feasible force. Never worse than the start where that is within the mounting limits.
+/// Exit points for more feasible force. Never worse than the start where that is within the
+/// mounting limits.
 ///
 /// # Errors
-/// [`WorkspaceError`]; [`WorkspaceError::Counts`] where exit points, mounts and tensions differ in number.
+/// [`WorkspaceError`]; [`WorkspaceError::Counts`] where exit points, mounts and tensions differ in
+/// number.
 pub fn place(task: &Task) -> Result<Placement, WorkspaceError> {
     let units = task.start_m.len();
     for count in [task.mounts.len(), task.bounds_n.len()] {
@@ -306,14 +310,15 @@ impl Search<'_> {
             value(&exits, &task.bounds_n, &task.poses, objective).unwrap_or(f64::NEG_INFINITY)
         };
         match self.objective {
-            // A little of the mean, so that there is a slope where the worst pose does not feel a unit.
+            // A little of the mean, so that there is a slope where the worst pose does not feel a
+            // unit.
             Objective::LeastRadius => of(Objective::LeastRadius) + 0.02 * of(Objective::MeanRadius),
             other => of(other),
         }
     }
 
-    /// The least radius has many ridges on which no single number helps; the mean has fewer. So the mean is climbed
-    /// first, and the least radius from there.
+    /// The least radius has many ridges on which no single number helps; the mean has fewer. So the
+    /// mean is climbed first, and the least radius from there.
     fn by_way_of_the_mean(&mut self, at: Vec<f64>) -> (Vec<f64>, f64) {
         if self.task.objective != Objective::LeastRadius {
             return self.descend(at);
@@ -417,7 +422,8 @@ mod tests {
 
     #[test]
     fn a_known_optimum_is_found() {
-        // One unit out of place in a rig of orthogonal pairs, on a plate; straight opposite is best.
+        // One unit out of place in a rig of orthogonal pairs, on a plate; straight opposite is
+        // best.
         let mut task = task();
         let c = Vector3::from(CENTER_M);
         let axes = [

@@ -1,9 +1,10 @@
 //! The set of feasible forces at a pose, exactly: `Z = { sum t_i d_i, t_min_i <= t_i <= t_max_i }`.
 //!
-//! A sum of segments is a zonotope. Each of its faces lies across a direction that is the cross product of two
-//! cable directions, in both senses, so with six cables there are at most 30 faces; the distance of a face from the origin
-//! is the support function `h(n) = sum max(t_min_i n . d_i, t_max_i n . d_i)` (Bouchard, Gosselin and Moore,
-//! *J. Mechanisms Robotics* 2 (2010) 011010). The corners of a face come from the cables that lie in it.
+//! A sum of segments is a zonotope. Each of its faces lies across a direction that is the cross
+//! product of two cable directions, in both senses, so with six cables there are at most 30 faces;
+//! the distance of a face from the origin is the support function
+//! `h(n) = sum max(t_min_i n . d_i, t_max_i n . d_i)` (Bouchard, Gosselin and Moore, *J. Mechanisms
+//! Robotics* 2 (2010) 011010). The corners of a face come from the cables that lie in it.
 
 use super::WorkspaceError;
 use nalgebra::Vector3;
@@ -11,12 +12,14 @@ use nalgebra::Vector3;
 /// Sine of an angle below which two directions count as parallel, and a cable as lying in a face.
 const PARALLEL: f64 = 1e-9;
 
-/// A face: the points `x` of it have `normal . x = offset_n`, those of the set `normal . x <= offset_n`.
+/// A face: the points `x` of it have `normal . x = offset_n`, those of the set
+/// `normal . x <= offset_n`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Facet {
     /// Outward unit normal.
     pub normal: Vector3<f64>,
-    /// Distance from the origin along the normal, N; negative where the origin is outside of this face.
+    /// Distance from the origin along the normal, N; negative where the origin is outside of this
+    /// face.
     pub offset_n: f64,
     /// Corners in order around the face, N.
     pub corners_n: Vec<Vector3<f64>>,
@@ -31,12 +34,13 @@ pub struct Zonotope {
 }
 
 impl Zonotope {
-    /// From the cables' directions (unit vectors from the tip to the exit points) and the least and largest tension of
-    /// each, N.
+    /// From the cables' directions (unit vectors from the tip to the exit points) and the least and
+    /// largest tension of each, N.
     ///
     /// # Errors
-    /// [`WorkspaceError`]: different numbers of directions and bounds, numbers that are not finite, directions that are not of
-    /// unit length, a least tension above the largest, cables that all lie in a plane.
+    /// [`WorkspaceError`]: different numbers of directions and bounds, numbers that are not finite,
+    /// directions that are not of unit length, a least tension above the largest, cables that all
+    /// lie in a plane.
     pub fn new(
         directions: &[Vector3<f64>],
         bounds_n: &[(f64, f64)],
@@ -120,7 +124,8 @@ impl Zonotope {
                 fixed += d * if along > 0.0 { high } else { low };
             }
         }
-        // All segments turned into one half-plane of the face; sorted by angle they are half of its border.
+        // All segments turned into one half-plane of the face; sorted by angle they are half of its
+        // border.
         let x = within
             .first()
             .and_then(|w| w.try_normalize(0.0))
@@ -204,8 +209,9 @@ impl Zonotope {
         self.signed_margin_n(force_n) >= 0.0
     }
 
-    /// Least distance of a force inside the set to a face, N; for a force outside the negative of the largest amount by
-    /// which it passes a face (at most its distance, see [`Self::distance_n`]).
+    /// Least distance of a force inside the set to a face, N; for a force outside the negative of
+    /// the largest amount by which it passes a face (at most its distance, see
+    /// [`Self::distance_n`]).
     #[must_use]
     pub fn signed_margin_n(&self, force_n: &Vector3<f64>) -> f64 {
         self.facets
@@ -214,8 +220,8 @@ impl Zonotope {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// Smallest and largest size in N of the feasible forces in a direction (unit vector), 0 and above. `None` where
-    /// there is none. The smallest is 0 where no force at all is feasible too.
+    /// Smallest and largest size in N of the feasible forces in a direction (unit vector), 0 and
+    /// above. `None` where there is none. The smallest is 0 where no force at all is feasible too.
     #[must_use]
     pub fn range_n(&self, direction: &Vector3<f64>) -> Option<(f64, f64)> {
         let (mut low, mut high) = (0.0, f64::INFINITY);
@@ -238,14 +244,16 @@ impl Zonotope {
         self.range_n(direction).map(|r| r.1)
     }
 
-    /// Radius of the largest ball about no force that is feasible, N: every force up to this size is, in any
-    /// direction. Negative where not even no force is feasible: its distance to the set is then at least this.
+    /// Radius of the largest ball about no force that is feasible, N: every force up to this size
+    /// is, in any direction. Negative where not even no force is feasible: its distance to the set
+    /// is then at least this.
     #[must_use]
     pub fn radius_n(&self) -> f64 {
         self.signed_margin_n(&Vector3::zeros())
     }
 
-    /// Distance of a force from the set, N, and the feasible force nearest to it. 0 and the force itself inside.
+    /// Distance of a force from the set, N, and the feasible force nearest to it. 0 and the force
+    /// itself inside.
     #[must_use]
     pub fn distance_n(&self, force_n: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let mut best = (f64::INFINITY, *force_n);
@@ -269,8 +277,8 @@ impl Zonotope {
         }
     }
 
-    /// Volume of the set, N^3: the sum over triples of the volume their segments span (McMullen; Shephard, *Canad. J.
-    /// Math.* 26 (1974) 302).
+    /// Volume of the set, N^3: the sum over triples of the volume their segments span (McMullen;
+    /// Shephard, *Canad. J. Math.* 26 (1974) 302).
     #[must_use]
     pub fn volume_n3(&self) -> f64 {
         let segments: Vec<Vector3<f64>> = self
@@ -353,8 +361,8 @@ mod tests {
             .collect()
     }
 
-    /// Oracle: nearest feasible force by trying, for each cable, least, largest and free tension (3^6 cases), and
-    /// solving the free ones by least squares.
+    /// Oracle: nearest feasible force by trying, for each cable, least, largest and free tension
+    /// (3^6 cases), and solving the free ones by least squares.
     fn nearest(d: &[Vector3<f64>], bounds: &[(f64, f64)], force: &Vector3<f64>) -> f64 {
         let mut best = f64::INFINITY;
         for code in 0..3usize.pow(d.len() as u32) {
@@ -393,8 +401,8 @@ mod tests {
         best
     }
 
-    /// Oracle: the largest force along `u` as a linear program, by all of its basic solutions: three cables free, the
-    /// others at an end.
+    /// Oracle: the largest force along `u` as a linear program, by all of its basic solutions:
+    /// three cables free, the others at an end.
     fn linear_program(d: &[Vector3<f64>], bounds: &[(f64, f64)], u: &Vector3<f64>) -> Option<f64> {
         let mut best: Option<f64> = None;
         let n = d.len();

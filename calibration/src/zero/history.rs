@@ -1,7 +1,7 @@
 //! Zeros over power-ups: whether a new one is that of a slack cable.
 
-/// Zeros of one unit over its power-ups, oldest first. Between two power-ups the mounting part is the same, so
-/// that the change is the converter's.
+/// Zeros of one unit over its power-ups, oldest first. Between two power-ups the mounting part is
+/// the same, so that the change is the converter's.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct History {
     entries: Vec<PowerUp>,
@@ -22,8 +22,8 @@ pub struct PowerUp {
 const SAME_POWER_UP_SE: f64 = 5.0;
 
 impl PowerUp {
-    /// Whether both zeros are of one power-up: the converter calibrates itself anew at each, and two calibrations rarely come
-    /// as near to each other as two measurements of one.
+    /// Whether both zeros are of one power-up: the converter calibrates itself anew at each, and
+    /// two calibrations rarely come as near to each other as two measurements of one.
     #[must_use]
     pub fn is_of_the_same_power_up(&self, other: &Self) -> bool {
         (self.zero_n - other.zero_n).abs() <= SAME_POWER_UP_SE * self.se_n.hypot(other.se_n)
@@ -76,7 +76,8 @@ impl History {
         self.entries.push(entry);
     }
 
-    /// Adds one that was accepted; a zero of the same power-up as the last one takes its place. Returns whether it did.
+    /// Adds one that was accepted; a zero of the same power-up as the last one takes its place.
+    /// Returns whether it did.
     pub fn add(&mut self, entry: PowerUp) -> bool {
         let repeats = self
             .entries
@@ -95,9 +96,9 @@ impl History {
         &self.entries
     }
 
-    /// The converter's offset that a further power-up is expected to show, N, and the standard deviation of one power-up's
-    /// offset about it, N. The latter is pulled towards `prior_n` as if that had been seen in [`PRIOR_POWER_UPS`] power-ups.
-    /// `None` without an entry.
+    /// The converter's offset that a further power-up is expected to show, N, and the standard
+    /// deviation of one power-up's offset about it, N. The latter is pulled towards `prior_n` as if
+    /// that had been seen in [`PRIOR_POWER_UPS`] power-ups. `None` without an entry.
     #[must_use]
     pub fn expected_n(&self, prior_n: f64) -> Option<(f64, f64)> {
         let recent = &self.entries[self.entries.len().saturating_sub(RECENT)..];
@@ -117,11 +118,13 @@ impl History {
 
     /// Compares a new zero with the earlier ones in two ways; it has to pass both.
     ///
-    /// * Its distance from the mean of the earlier ones in standard deviations, against `limit_sd`: each power-up's calibration
-    ///   misses the same offset of the bridge anew and independently (device facts, NAU7802), and a unit's own spread is learnt.
-    /// * The range that the earlier ones leave. A calibration misses by `miss_n` (N) at most, so every zero bounds the
-    ///   bridge's offset from both sides, and the offset bounds the next zero. Where the earlier ones lie further apart
-    ///   than that, half their range stands for `miss_n`.
+    /// * Its distance from the mean of the earlier ones in standard deviations, against `limit_sd`:
+    ///   each power-up's calibration misses the same offset of the bridge anew and independently
+    ///   (device facts, NAU7802), and a unit's own spread is learnt.
+    /// * The range that the earlier ones leave. A calibration misses by `miss_n` (N) at most, so
+    ///   every zero bounds the bridge's offset from both sides, and the offset bounds the next
+    ///   zero. Where the earlier ones lie further apart than that, half their range stands for
+    ///   `miss_n`.
     #[must_use]
     pub fn judge(&self, new: &PowerUp, miss_n: f64, limit_sd: f64) -> Verdict {
         let Some((expected, spread)) = self.expected_n(miss_n / 3f64.sqrt()) else {
@@ -230,7 +233,8 @@ mod tests {
             se_n: 0.0005,
             mounting_n: 0.0,
         };
-        // The bridge's offset is 0: both ends of the range have been seen, so nothing above 0.3 N is a slack cable.
+        // The bridge's offset is 0: both ends of the range have been seen, so nothing above 0.3 N
+        // is a slack cable.
         let history = History::new([-0.29, 0.28, 0.1, -0.1, 0.2].map(at).to_vec());
         assert!(history.judge(&at(0.29), 0.3, 3.0).is_accepted());
         assert!(matches!(

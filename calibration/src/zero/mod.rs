@@ -1,17 +1,19 @@
 //! Zero of a load cell: what the converter reads while the cable is slack (thesis 3.5.1).
 //!
-//! [`measure`] takes a stream of codes and gives the zero with its uncertainty, or the reason why this stream gives none.
-//! [`split`] takes the weight of motor and rack (about 500 g along the measuring axis) from it, so that the rest is the
-//! converter's own offset. [`History`] follows that offset over power-ups: the calibration that the
-//! NAU7802 does at each start moves it (device facts, NAU7802), and tells a slack cable from a preloaded one.
+//! [`measure`] takes a stream of codes and gives the zero with its uncertainty, or the reason why
+//! this stream gives none. [`split`] takes the weight of motor and rack (about 500 g along the
+//! measuring axis) from it, so that the rest is the converter's own offset. [`History`] follows
+//! that offset over power-ups: the calibration that the NAU7802 does at each start moves it (device
+//! facts, NAU7802), and tells a slack cable from a preloaded one.
 //!
 //! # Method
 //!
-//! Spikes (logs of the rig have them) are codes further than [`Limits::spike_sd`] robust standard deviations from the
-//! median; they are left out. A line in time is fitted to the rest: its middle is the mean, its end is the zero
-//! that holds when the measurement is over. Successive codes are not independent (the converter's filter, the
-//! mains), so the variance is multiplied by the integrated autocorrelation time of the residuals, summed by Geyer's
-//! initial positive sequence (*Statistical Science* 7 (1992) 473).
+//! Spikes (logs of the rig have them) are codes further than [`Limits::spike_sd`] robust standard
+//! deviations from the median; they are left out. A line in time is fitted to the rest: its middle
+//! is the mean, its end is the zero that holds when the measurement is over. Successive codes are
+//! not independent (the converter's filter, the mains), so the variance is multiplied by the
+//! integrated autocorrelation time of the residuals, summed by Geyer's initial positive sequence
+//! (*Statistical Science* 7 (1992) 473).
 
 mod history;
 mod pay_out;
@@ -40,16 +42,16 @@ pub struct Limits {
     pub spike_part: f64,
     /// Largest standard deviation of the codes, N.
     pub noise_n: f64,
-    /// Largest change over the stream, N. Above it, the stream drifts if the change is also larger than three times
-    /// its standard error.
+    /// Largest change over the stream, N. Above it, the stream drifts if the change is also larger
+    /// than three times its standard error.
     pub drift_n: f64,
     /// Largest standard error of the zero, N.
     pub standard_error_n: f64,
 }
 
 impl Default for Limits {
-    /// For a zero within 5 mN: noise up to 20 mN (idle channels of the rig have 1.7 to 5 mN), drift up to 3 mN,
-    /// standard error up to 2 mN.
+    /// For a zero within 5 mN: noise up to 20 mN (idle channels of the rig have 1.7 to 5 mN), drift
+    /// up to 3 mN, standard error up to 2 mN.
     fn default() -> Self {
         Self {
             nominal_n_per_code: 6.85e-6,
@@ -79,8 +81,8 @@ pub struct Zero {
     pub drift_se_codes: f64,
     /// Standard deviation of one code about the line, spikes left out.
     pub noise_sd_codes: f64,
-    /// Integrated autocorrelation time, in samples: 1 for independent ones. The stream counts for this many
-    /// times fewer codes.
+    /// Integrated autocorrelation time, in samples: 1 for independent ones. The stream counts for
+    /// this many times fewer codes.
     pub correlation_samples: f64,
     /// Codes used.
     pub used: usize,
@@ -178,7 +180,8 @@ pub fn measure(codes: &[i32], limits: &Limits) -> Result<Zero, ZeroError> {
     if codes.len() < FEWEST {
         return Err(ZeroError::TooFew { got: codes.len() });
     }
-    // A single code at the end of the range may be a spike (a lost bit); a run of them is saturation.
+    // A single code at the end of the range may be a spike (a lost bit); a run of them is
+    // saturation.
     let at_end = |c: i32| c >= CODE_MAX || c <= CODE_MIN;
     if let Some(sample) = (0..codes.len() - 2).find(|&i| codes[i..i + 3].iter().all(|&c| at_end(c)))
     {
@@ -271,8 +274,8 @@ fn line(kept: &[(f64, f64)], total: usize, spikes: usize) -> Zero {
     }
 }
 
-/// Integrated autocorrelation time of a series of zero mean, in samples, at least 0.1: 1 + 2 sum of the
-/// autocorrelations, over pairs of lags while their sum is positive and falling.
+/// Integrated autocorrelation time of a series of zero mean, in samples, at least 0.1: 1 + 2 sum of
+/// the autocorrelations, over pairs of lags while their sum is positive and falling.
 fn correlation_time(residuals: &[f64]) -> f64 {
     let n = residuals.len();
     let covariance = |lag: usize| -> f64 {
@@ -318,14 +321,15 @@ pub struct Mounting {
 /// A zero in its two parts, N. Their sum is the zero times the scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parts {
-    /// Weight of motor and rack along the axis, `m g . axis`, N: constant while the unit stays where it is.
+    /// Weight of motor and rack along the axis, `m g . axis`, N: constant while the unit stays
+    /// where it is.
     pub mounting_n: f64,
     /// Standard uncertainty of [`Self::mounting_n`], N.
     pub mounting_sd_n: f64,
     /// Offset of bridge and converter, N: changes at each power-up.
     pub converter_n: f64,
-    /// Standard uncertainty of [`Self::converter_n`], N. The two parts are anticorrelated: the uncertainty of
-    /// their sum is that of the zero.
+    /// Standard uncertainty of [`Self::converter_n`], N. The two parts are anticorrelated: the
+    /// uncertainty of their sum is that of the zero.
     pub converter_sd_n: f64,
 }
 
@@ -357,7 +361,8 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    /// `n` codes with correlation `rho` from one to the next, standard deviation `sd` codes, about 12,345.
+    /// `n` codes with correlation `rho` from one to the next, standard deviation `sd` codes, about
+    /// 12,345.
     fn stream(seed: u64, n: usize, rho: f64, sd: f64, drift: f64) -> Vec<i32> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut noise = normal(&mut rng);
@@ -383,7 +388,8 @@ mod tests {
                     error.abs() < 1.96 * zero.at_end_se_codes
                 })
                 .count();
-            // Binomial(400, 0.95) has a standard deviation of 4.4; Geyer's sum is a little short at rho 0.8.
+            // Binomial(400, 0.95) has a standard deviation of 4.4; Geyer's sum is a little short at
+            // rho 0.8.
             assert!((362..=396).contains(&hits), "rho {rho}: {hits} of 400");
         }
     }

@@ -1,12 +1,14 @@
 //! Whether a cable pulls: its reading before and after some of it was paid out.
 //!
-//! The zero of a power-up is uncertain by 0.3 N, and friction keeps up to 1 N in a cable: one reading can't tell the two apart
-//! for sure. Two readings of one power-up can. A slack cable reads the same after the reel was turned; a cable that pulls by
-//! 1 N and stretches by 0.1 mm/N is slack after 0.1 mm.
+//! The zero of a power-up is uncertain by 0.3 N, and friction keeps up to 1 N in a cable: one
+//! reading can't tell the two apart for sure. Two readings of one power-up can. A slack cable reads
+//! the same after the reel was turned; a cable that pulls by 1 N and stretches by 0.1 mm/N is slack
+//! after 0.1 mm.
 
 use super::Zero;
 
-/// Travel that has to be paid out, m: ten times the stretch of a cable that pulls with 1 N, and what a hand can see.
+/// Travel that has to be paid out, m: ten times the stretch of a cable that pulls with 1 N, and
+/// what a hand can see.
 pub const LEAST_TRAVEL_M: f64 = 0.003;
 /// Change that a slack cable may show, N: creep and drift of a cell between the readings.
 const SLACK_CHANGE_N: f64 = 0.02;
@@ -22,8 +24,8 @@ pub struct PayOut {
     pub slack: bool,
 }
 
-/// Compares the zeros before and after a cable was paid out. `n_per_code`: scale, N per code; a pull raises `n_per_code` times
-/// the code.
+/// Compares the zeros before and after a cable was paid out. `n_per_code`: scale, N per code; a
+/// pull raises `n_per_code` times the code.
 #[must_use]
 pub fn pay_out(before: &Zero, after: &Zero, n_per_code: f64) -> PayOut {
     // The end of the first stream is next to the beginning of the second.

@@ -1,8 +1,8 @@
-//! A made-up survey whose truth is known: the example rig (host/rig/rigs/raven-left.toml), a base with five holes,
-//! calibration plates and stations around it.
+//! A made-up survey whose truth is known: the example rig (host/rig/rigs/raven-left.toml), a base
+//! with five holes, calibration plates and stations around it.
 //!
-//! The stations form the chain of the thesis: the first sees the base and plate 1, the next plates 1 and 2, and so on.
-//! Each unit is measured from one station.
+//! The stations form the chain of the thesis: the first sees the base and plate 1, the next plates
+//! 1 and 2, and so on. Each unit is measured from one station.
 
 // Each of the programs that include this file uses a part of it.
 #![allow(dead_code)]
@@ -58,8 +58,8 @@ pub fn scene(plates: u8) -> Scene {
     layout(plates, 0.1, 3, false)
 }
 
-/// A scene with `plates` plates of `holes` holes on a circle of `radius_m`; `closed`: the last station also sees the
-/// base, and each unit is seen from two stations.
+/// A scene with `plates` plates of `holes` holes on a circle of `radius_m`; `closed`: the last
+/// station also sees the base, and each unit is seen from two stations.
 pub fn layout(plates: u8, radius_m: f64, holes: u8, closed: bool) -> Scene {
     let mut rng = ChaCha8Rng::seed_from_u64(17);
     let mut points_m = BTreeMap::new();
@@ -91,7 +91,8 @@ pub fn layout(plates: u8, radius_m: f64, holes: u8, closed: bool) -> Scene {
             angle,
         ));
         for hole in 1..=holes {
-            // Distances between the holes all differ, so that no exchange of two labels goes unseen.
+            // Distances between the holes all differ, so that no exchange of two labels goes
+            // unseen.
             let turn = 2.0 * std::f64::consts::PI * f64::from(hole - 1) / f64::from(holes)
                 + 0.25 * f64::from(hole * hole % 5);
             let offset = Vector3::new(radius_m * turn.cos(), radius_m * turn.sin(), 0.0);
@@ -156,8 +157,8 @@ pub fn layout(plates: u8, radius_m: f64, holes: u8, closed: bool) -> Scene {
 }
 
 impl Scene {
-    /// Readings with noise of `sd_m` in each coordinate: at each station, all points, so many times round. The
-    /// first is line 2 of `points.csv`.
+    /// Readings with noise of `sd_m` in each coordinate: at each station, all points, so many times
+    /// round. The first is line 2 of `points.csv`.
     pub fn measure(&self, seed: u64, repeats: usize, sd_m: f64) -> Vec<PointReading> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut out = Vec::new();

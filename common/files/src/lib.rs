@@ -14,7 +14,8 @@ pub struct Part {
 }
 
 impl Part {
-    /// Begins the file of this path beside it, in the same folder, with `.part` after its name. Folders are made.
+    /// Begins the file of this path beside it, in the same folder, with `.part` after its name.
+    /// Folders are made.
     ///
     /// # Errors
     /// It can't be made.
@@ -64,7 +65,8 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// Writes a file so that it is there whole or as it was before, also after a loss of power. Folders are made.
+/// Writes a file so that it is there whole or as it was before, also after a loss of power. Folders
+/// are made.
 ///
 /// # Errors
 /// It can't be written.

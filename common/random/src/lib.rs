@@ -1,12 +1,13 @@
 //! Seeded random numbers, the same on every machine and with every version: SplitMix64.
 //!
-//! Steele, Lea, Flood: *Fast splittable pseudorandom number generators*, OOPSLA 2014, section 4: a 64-bit counter
-//! with a mixing function.
+//! Steele, Lea, Flood: *Fast splittable pseudorandom number generators*, OOPSLA 2014, section 4: a
+//! 64-bit counter with a mixing function.
 //!
-//! Uses are independent by their seeds and labels, not by their code: each draws from a stream of its own, so that a
-//! new draw somewhere leaves all others as they were. The virtual arm and the second generator of synthetic logs
-//! (`robot`, `literature-sets`) draw from ChaCha8 of the crate `rand_chacha` instead, each by its own rule, so that
-//! plant, analysis and that generator have no random number in common.
+//! Uses are independent by their seeds and labels, not by their code: each draws from a stream of
+//! its own, so that a new draw somewhere leaves all others as they were. The virtual arm and the
+//! second generator of synthetic logs (`robot`, `literature-sets`) draw from ChaCha8 of the crate
+//! `rand_chacha` instead, each by its own rule, so that plant, analysis and that generator have no
+//! random number in common.
 
 /// One stream of random numbers.
 #[derive(Debug, Clone)]
@@ -22,7 +23,8 @@ impl SplitMix64 {
     /// The stream `label`, `index` of a `seed`.
     #[must_use]
     pub fn stream(seed: u64, label: &str, index: usize) -> Self {
-        // FNV-1a over the label, then the index: any fixed mapping to distinct 64-bit words will do.
+        // FNV-1a over the label, then the index: any fixed mapping to distinct 64-bit words will
+        // do.
         let hash = label
             .bytes()
             .chain((index as u64).to_le_bytes())
@@ -67,7 +69,8 @@ impl SplitMix64 {
     }
 }
 
-/// Uniform in [0, 1), the same for the same number: the draw of this number from the stream that begins at 0.
+/// Uniform in [0, 1), the same for the same number: the draw of this number from the stream that
+/// begins at 0.
 #[must_use]
 pub const fn of(number: u64) -> f64 {
     SplitMix64(number.wrapping_sub(1).wrapping_mul(STEP)).unit()

@@ -135,7 +135,8 @@ fn ticks((low, high): (f64, f64)) -> Vec<(f64, String)> {
         .collect()
 }
 
-/// A tick's label to `decimals` places; in powers of ten where the axis reaches no further than 1e-3, or beyond 1e5.
+/// A tick's label to `decimals` places; in powers of ten where the axis reaches no further than
+/// 1e-3, or beyond 1e5.
 fn label(value: f64, reach: f64, decimals: i32) -> String {
     if (1e-3..1e5).contains(&reach) {
         format!("{value:.*}", decimals.max(0) as usize)

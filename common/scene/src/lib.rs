@@ -15,8 +15,8 @@ impl Display for Color {
     }
 }
 
-/// The `n`-th color of curves: Okabe and Ito's palette, which colour-blind readers can distinguish too, then gray and
-/// brown, and so on from the start.
+/// The `n`-th color of curves: Okabe and Ito's palette, which colour-blind readers can distinguish
+/// too, then gray and brown, and so on from the start.
 #[must_use]
 pub const fn color(n: usize) -> Color {
     const COLORS: [Color; 8] = [

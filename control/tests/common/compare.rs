@@ -141,7 +141,8 @@ fn one_run(r: &mut Random, wire: &UnitConfig, length: u64, found: &mut Found) {
     let told = (r.unit() * 4.0) as u32;
     let mut reel_um_per_s = None;
     for n in 0..length {
-        // A force around the setpoint, so that the integral lives, with noise, waves, spikes and steps.
+        // A force around the setpoint, so that the integral lives, with noise, waves, spikes and
+        // steps.
         ripple = 0.98 * ripple + 0.05 * r.normal();
         if r.chance(0.002) {
             setpoint = r.between(0.0, limit.min(12.0));

@@ -1,4 +1,5 @@
-//! What a host knows of the robot's motion: poses as real robots report them, and the reel speeds that it makes of them.
+//! What a host knows of the robot's motion: poses as real robots report them, and the reel speeds
+//! that it makes of them.
 #![allow(dead_code)] // each user takes a part
 
 use crate::rig::{Noise, Rig, STEP_US};
@@ -31,7 +32,8 @@ impl Poses {
         }
     }
 
-    /// As a Raven does: 1 kHz, in steps of its encoders, of which one of the shoulder or elbow moves the tip by some 2 um.
+    /// As a Raven does: 1 kHz, in steps of its encoders, of which one of the shoulder or elbow
+    /// moves the tip by some 2 um.
     pub const RAVEN: Self = Self {
         period_us: 1_000,
         latency_us: 2_000,
@@ -43,8 +45,8 @@ impl Poses {
 /// Time between two setpoints of the host, us.
 const CYCLE_US: u64 = 10_000;
 
-/// Largest standard deviation of the speed that the host sends, m/s, and how far ahead it predicts, s: as in
-/// `host/force/src/preview.rs`.
+/// Largest standard deviation of the speed that the host sends, m/s, and how far ahead it predicts,
+/// s: as in `host/force/src/preview.rs`.
 const SD_M_PER_S: f64 = 1.2e-4;
 const AHEAD_S: f64 = 6.5e-3;
 

@@ -1,5 +1,5 @@
-//! The whole step once more in `f64`, written from the documentation and not from the fixed-point code: SI
-//! units, no formats, no precomputed numbers.
+//! The whole step once more in `f64`, written from the documentation and not from the fixed-point
+//! code: SI units, no formats, no precomputed numbers.
 #![allow(dead_code)] // each user takes a part
 
 use control::unit::{Drive, Input};
@@ -21,8 +21,8 @@ pub struct Answer {
     pub d: f64,
     pub feedforward: f64,
     pub direction: f64,
-    /// Smallest distance of a yes-or-no decision from its threshold, in N: below a few steps of the format the
-    /// two sides may rightly decide differently.
+    /// Smallest distance of a yes-or-no decision from its threshold, in N: below a few steps of the
+    /// format the two sides may rightly decide differently.
     pub margin: f64,
     pub tripped: bool,
 }
@@ -53,7 +53,8 @@ pub struct Reference {
     lost_nm: f64,
     travel_nm: f64,
     level: Level,
-    /// Expected less measured travel in nm, samples of doubt, and the elements of presliding friction.
+    /// Expected less measured travel in nm, samples of doubt, and the elements of presliding
+    /// friction.
     lead_nm: f64,
     doubt: u32,
     elements: Option<[f64; 4]>,
@@ -95,7 +96,8 @@ impl Level {
             return 0.0;
         };
         let sign = if inwards { 1.0 } else { -1.0 };
-        // The feedforward takes nine tenths of the friction or all of it: the integral keeps the rest.
+        // The feedforward takes nine tenths of the friction or all of it: the integral keeps the
+        // rest.
         let left = half * (1.0 + self.excess) * (1.0 / share - 1.0);
         let missing = (sign * (self.mean - before) / 2.0 - left).clamp(-2.0, 2.0);
         let excess = (self.excess + missing / half).clamp(-0.4, 0.4);
@@ -267,7 +269,8 @@ impl Reference {
         let expected_nm = f64::from(speed.nm_q8()) / 256.0 * spans;
         self.lead_nm = (self.lead_nm + expected_nm - travel_nm).clamp(-2e6, 2e6);
         self.lead_nm -= self.lead_nm / 128.0;
-        // Fixed point rounds up to a 256th of a nanometre away in each of the 128 samples that count.
+        // Fixed point rounds up to a 256th of a nanometre away in each of the 128 samples that
+        // count.
         if (self.lead_nm.abs() - 5e5).abs() < 1.0 {
             *margin = 0.0;
         }
@@ -457,7 +460,8 @@ impl Reference {
                 let missing = slack - tension.clamp(0.0, slack);
                 let brake = 268.0 / 4_194_304.0 * (travel - 93_750.0).max(0.0) * missing;
                 let unlimited = feedforward + p + i + d;
-                // The most that the friction model needs for the setpoint, and the authority over it.
+                // The most that the friction model needs for the setpoint, and the authority over
+                // it.
                 let gain_in = q16(w.friction_gain_q16) - q16(w.coulomb_load_q16);
                 let winding_in =
                     (self.setpoint - micro(w.friction_offset_un) + micro(w.coulomb_un)) / gain_in;

@@ -1,5 +1,6 @@
-//! Six controllers on the plant, sample by sample, in virtual time: converters with their own periods and
-//! sinc4 filters, encoder counts, DAC codes. What the firmware adds (bus, queue) is a delay here.
+//! Six controllers on the plant, sample by sample, in virtual time: converters with their own
+//! periods and sinc4 filters, encoder counts, DAC codes. What the firmware adds (bus, queue) is a
+//! delay here.
 #![allow(dead_code)] // each user takes a part
 
 use control::friction::ReelSpeed;
@@ -230,8 +231,8 @@ pub struct Sample {
     pub inv_cos: InvCos,
 }
 
-/// Root mean square and largest tension error per unit over `seconds` while the tip moves, after a settling
-/// time of 3 s, with setpoints that vary slowly between 2.2 and 6 N.
+/// Root mean square and largest tension error per unit over `seconds` while the tip moves, after a
+/// settling time of 3 s, with setpoints that vary slowly between 2.2 and 6 N.
 pub fn tension_errors(
     plant: PlantConfig,
     seed: u64,

@@ -80,7 +80,8 @@ impl DacCode {
     pub const fn from_microvolts(range: Range, microvolts: i32) -> Self {
         let above = microvolts as i64 - range.bottom_uv() as i64;
         let span = range.span_uv() as i64;
-        // Add half a code before the division to round to the nearest; floor keeps it exact below zero.
+        // Add half a code before the division to round to the nearest; floor keeps it exact below
+        // zero.
         let code = (above * 0x1_0000 + span / 2).div_euclid(span);
         if code < 0 {
             Self::BOTTOM

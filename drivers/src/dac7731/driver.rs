@@ -8,7 +8,8 @@ use super::code::DacCode;
 
 /// Length of the reset pulse, nanoseconds. Generous: our sources don't state the minimum.
 pub const RESET_PULSE_NS: u32 = 1_000;
-/// How long LDAC stays low before its rising edge, nanoseconds. Generous: our sources don't state the minimum.
+/// How long LDAC stays low before its rising edge, nanoseconds. Generous: our sources don't state
+/// the minimum.
 pub const LDAC_PULSE_NS: u32 = 100;
 
 /// What failed.
@@ -115,8 +116,8 @@ impl<P: ErrorType> OutputPin for NoLine<P> {
 
 /// A DAC7731 with its own CS, LDAC and RST.
 ///
-/// The bus must run in [`super::SPI_MODE`]; CS belongs to the driver, not to the SPI peripheral, because
-/// its rising edge has to come while SCLK idles high.
+/// The bus must run in [`super::SPI_MODE`]; CS belongs to the driver, not to the SPI peripheral,
+/// because its rising edge has to come while SCLK idles high.
 #[derive(Debug)]
 pub struct Dac7731<SPI, CS, LDAC, RST> {
     spi: SPI,
@@ -134,8 +135,8 @@ where
     LDAC: OutputPin<Error = P>,
     RST: OutputPin<Error = P>,
 {
-    /// Takes the bus and the lines: CS idle high, LDAC idle high, RST idle high. Sends nothing and so
-    /// doesn't know the output; call [`Self::reset`] first.
+    /// Takes the bus and the lines: CS idle high, LDAC idle high, RST idle high. Sends nothing and
+    /// so doesn't know the output; call [`Self::reset`] first.
     pub const fn new(spi: SPI, cs: CS, ldac: LDAC, rst: RST) -> Self {
         Self {
             spi,
@@ -152,8 +153,8 @@ where
         self.output
     }
 
-    /// Forces the output to mid-scale, 0 V in the bipolar ranges. RSTSEL must be strapped high: with
-    /// RSTSEL low the same pulse gives **negative full scale**.
+    /// Forces the output to mid-scale, 0 V in the bipolar ranges. RSTSEL must be strapped high:
+    /// with RSTSEL low the same pulse gives **negative full scale**.
     ///
     /// # Errors
     /// [`Error::Pin`].
@@ -172,7 +173,8 @@ where
     /// Shifts a code into the input register without changing the output.
     ///
     /// # Errors
-    /// [`Error::Spi`] or [`Error::Pin`]; the input register is unknown then and CS was raised if possible.
+    /// [`Error::Spi`] or [`Error::Pin`]; the input register is unknown then and CS was raised if
+    /// possible.
     pub fn load(&mut self, code: DacCode) -> Result<(), Error<SPI::Error, P>> {
         self.loaded = None;
         self.cs.set_low().map_err(pin(Operation::Select))?;
@@ -201,7 +203,8 @@ where
         Ok(())
     }
 
-    /// [`Self::load`] and [`Self::update`]. If the load fails, LDAC stays still and the output with it.
+    /// [`Self::load`] and [`Self::update`]. If the load fails, LDAC stays still and the output with
+    /// it.
     ///
     /// # Errors
     /// As the two.

@@ -27,8 +27,9 @@ pub enum Port {
 
 /// One 8-bit bus with a chip select line per counter chip.
 ///
-/// An implementation keeps the part's timing: WR# low for at least 45 ns, RD# low for at least 80 ns
-/// before the data is taken, 90 ns between reads; CS#, C/D# and X/Y# stand before the strobe falls.
+/// An implementation keeps the part's timing: WR# low for at least 45 ns, RD# low for at least 80
+/// ns before the data is taken, 90 ns between reads; CS#, C/D# and X/Y# stand before the strobe
+/// falls.
 pub trait ParallelBus {
     /// What can fail; `Infallible` for plain register writes.
     type Error;

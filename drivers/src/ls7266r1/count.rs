@@ -36,11 +36,11 @@ impl CounterValue {
         self.0
     }
 
-    /// Counts moved since `earlier`, the short way round: -2^23 ..= 2^23 - 1. Right as long as the true
-    /// movement was that small: 2097 motor turns of 4000 counts.
+    /// Counts moved since `earlier`, the short way round: -2^23 ..= 2^23 - 1. Right as long as the
+    /// true movement was that small: 2097 motor turns of 4000 counts.
     pub const fn counts_since(self, earlier: Self) -> i32 {
-        // Left-justify the difference so that the wrap of 24 bits becomes the wrap of 32, and shift back
-        // arithmetically.
+        // Left-justify the difference so that the wrap of 24 bits becomes the wrap of 32, and shift
+        // back arithmetically.
         ((self.0.wrapping_sub(earlier.0) << 8) as i32) >> 8
     }
 }
@@ -58,8 +58,8 @@ pub enum Direction {
 
 /// Extends the 24-bit count to a 64-bit position in counts.
 ///
-/// Feed it every reading. Two readings may be apart by less than 2^23 counts; at 320 readings a second
-/// no motor comes near.
+/// Feed it every reading. Two readings may be apart by less than 2^23 counts; at 320 readings a
+/// second no motor comes near.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PositionTracker {
@@ -82,7 +82,8 @@ impl PositionTracker {
     pub const fn update(&mut self, value: CounterValue) -> i64 {
         if let Some(last) = self.last {
             let moved = value.counts_since(last) as i64;
-            // 2^63 counts are out of any motor's reach; wrapping only keeps the arithmetic free of panics.
+            // 2^63 counts are out of any motor's reach; wrapping only keeps the arithmetic free of
+            // panics.
             self.position = match self.direction {
                 Direction::Normal => self.position.wrapping_add(moved),
                 Direction::Negated => self.position.wrapping_sub(moved),
@@ -102,8 +103,8 @@ impl PositionTracker {
         self.position = position;
     }
 
-    /// The next reading counts from where it finds the counter, without a jump: after the counter was
-    /// loaded, reset or out of sight.
+    /// The next reading counts from where it finds the counter, without a jump: after the counter
+    /// was loaded, reset or out of sight.
     pub const fn forget_last(&mut self) {
         self.last = None;
     }

@@ -11,7 +11,8 @@ use super::regs::{Axis, Flags, QuadratureMode};
 pub struct Config {
     /// How the encoder is counted.
     pub mode: QuadratureMode,
-    /// The filter clock is FCK / (prescaler + 1); it must be at least eight times the line frequency.
+    /// The filter clock is FCK / (prescaler + 1); it must be at least eight times the line
+    /// frequency.
     pub prescaler: u8,
 }
 
@@ -70,8 +71,8 @@ pub enum Error<E> {
 }
 
 impl<E> Error<E> {
-    /// For a fault record: stage, chip and axis from the top byte down; the low byte holds the data lines
-    /// that differed in the self-test.
+    /// For a fault record: stage, chip and axis from the top byte down; the low byte holds the data
+    /// lines that differed in the self-test.
     pub fn detail(&self) -> u32 {
         let (stage, target, lines) = match self {
             Self::Bus { target, stage, .. } => (*stage, target, 0),
@@ -127,8 +128,8 @@ impl<B: ParallelBus> Ls7266r1<B> {
 
     /// Sets an axis up, tests it and starts counting from 0.
     ///
-    /// The part's settings can't be read back; the self-test through PR, CNTR and OL with the inputs off
-    /// shows at least that every data line, the strobes and the byte pointer work.
+    /// The part's settings can't be read back; the self-test through PR, CNTR and OL with the
+    /// inputs off shows at least that every data line, the strobes and the byte pointer work.
     ///
     /// # Errors
     /// [`Error::Bus`], or [`Error::SelfTest`]: the axis is left with its inputs off.

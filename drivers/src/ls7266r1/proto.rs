@@ -1,6 +1,7 @@
 //! The bus operations of each LS7266R1 procedure, without a bus.
 //!
-//! Each is an array of [`BusOp`] to perform in order on one chip; reads deliver their bytes in order too.
+//! Each is an array of [`BusOp`] to perform in order on one chip; reads deliver their bytes in
+//! order too.
 
 use super::count::CounterValue;
 use super::regs::{Axis, Cmr, Flags, Idr, Ior, QuadratureMode, Rld};
@@ -29,7 +30,8 @@ pub const fn read_counter(axis: Axis) -> [BusOp; 4] {
     ]
 }
 
-/// Snapshot of both counters at the same instant, then reads of X and of Y: six bytes, three for each.
+/// Snapshot of both counters at the same instant, then reads of X and of Y: six bytes, three for
+/// each.
 pub const READ_BOTH_COUNTERS: [BusOp; 7] = [
     BusOp::WriteControl(Axis::X, Rld::LATCH_FOR_READ.on_both_axes().control_byte()),
     BusOp::ReadData(Axis::X),
@@ -74,8 +76,8 @@ pub const fn clear_noise_flag(axis: Axis) -> [BusOp; 1] {
 
 /// Sets an axis up with the inputs still off: prescaler, mode, index. The count cannot move yet.
 ///
-/// `prescaler` divides the filter clock by `prescaler + 1`; in quadrature the result must be at least
-/// eight times the encoder's line frequency (datasheet, "Filter clock prescalers").
+/// `prescaler` divides the filter clock by `prescaler + 1`; in quadrature the result must be at
+/// least eight times the encoder's line frequency (datasheet, "Filter clock prescalers").
 pub const fn configure(axis: Axis, mode: QuadratureMode, prescaler: u8) -> [BusOp; 6] {
     [
         BusOp::WriteControl(axis, Ior::INPUTS_OFF.control_byte()),

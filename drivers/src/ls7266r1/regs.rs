@@ -41,8 +41,8 @@ macro_rules! control_register {
 }
 
 control_register! {
-    /// RLD, reset and load decoder: commands, not a setting. One of each field may go in one write: byte
-    /// pointer (bit 0), resets (bits 2:1), transfers (bits 4:3).
+    /// RLD, reset and load decoder: commands, not a setting. One of each field may go in one write:
+    /// byte pointer (bit 0), resets (bits 2:1), transfers (bits 4:3).
     Rld, 0x00
 }
 
@@ -106,8 +106,9 @@ control_register! {
 impl Ior {
     /// A and B disabled: the count stands still.
     pub const INPUTS_OFF: Self = Self(Self::SELECT);
-    /// A and B enabled; the LCNTR/LOL pin loads CNTR, the RCNTR/ABG pin resets CNTR: **tie both high**
-    /// (inactive) on the board, or a glitch there moves the count. FLG pins give carry and borrow.
+    /// A and B enabled; the LCNTR/LOL pin loads CNTR, the RCNTR/ABG pin resets CNTR: **tie both
+    /// high** (inactive) on the board, or a glitch there moves the count. FLG pins give carry and
+    /// borrow.
     pub const INPUTS_ON: Self = Self(Self::SELECT | 0x01);
 }
 
@@ -157,7 +158,8 @@ impl Flags {
         self.0 & 0x08 != 0
     }
 
-    /// E: noise at the inputs, wide enough to pass the filter. Sticky; not a proof of a wrong count.
+    /// E: noise at the inputs, wide enough to pass the filter. Sticky; not a proof of a wrong
+    /// count.
     pub const fn noise(self) -> bool {
         self.0 & 0x10 != 0
     }

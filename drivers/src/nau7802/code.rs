@@ -2,7 +2,8 @@
 
 use super::regs::{Channel, Gain, Register};
 
-/// A conversion result: 24-bit two's complement, full scale +-0.5 VREF / gain (datasheet section 8).
+/// A conversion result: 24-bit two's complement, full scale +-0.5 VREF / gain (datasheet section
+/// 8).
 ///
 /// One count is VREF / (gain x 2^24): 1.397 nV at 3.0 V and gain 128.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -24,10 +25,10 @@ impl AdcCode {
         }
     }
 
-    /// Decodes registers 0x12..=0x14, most significant byte first, with the sign extended from bit 23.
+    /// Decodes registers 0x12..=0x14, most significant byte first, the sign extended from bit 23.
     pub const fn from_be_bytes(bytes: [u8; 3]) -> Self {
-        // Left-justify and shift back arithmetically: the sign travels with the shift. Stopping before
-        // the shift back is the classic mistake that reads 256 times too large.
+        // Left-justify and shift back arithmetically: the sign travels with the shift. Stopping
+        // before the shift back is the classic mistake that reads 256 times too large.
         Self(i32::from_be_bytes([bytes[0], bytes[1], bytes[2], 0]) >> 8)
     }
 
@@ -55,11 +56,11 @@ impl AdcCode {
     }
 }
 
-/// Offset coefficient of a channel, 24 bits (0x03..=0x05, 0x0A..=0x0C), subtracted from the measurement
-/// before the gain is applied (datasheet section 8.6).
+/// Offset coefficient of a channel, 24 bits (0x03..=0x05, 0x0A..=0x0C), subtracted from the
+/// measurement before the gain is applied (datasheet section 8.6).
 ///
-/// Kept as the raw bits: our sources do not state the number format, so this is for saving and restoring
-/// a calibration, never for arithmetic.
+/// Kept as the raw bits: our sources do not state the number format, so this is for saving and
+/// restoring a calibration, never for arithmetic.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OffsetCoefficient(u32);
@@ -115,7 +116,8 @@ impl Default for GainCoefficient {
     }
 }
 
-/// Both coefficients of a channel: `output = gain x (measurement - offset)` (datasheet section 8.6).
+/// Both coefficients of a channel: `output = gain x (measurement - offset)` (datasheet section
+/// 8.6).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Coefficients {

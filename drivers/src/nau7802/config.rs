@@ -11,8 +11,9 @@ use super::regs::{
 pub struct Config {
     /// Internal regulator voltage; `None` takes the analog supply from the AVDD pin.
     pub ldo: Option<LdoVoltage>,
-    /// Time in microseconds for the analog supply to settle before anything is calibrated on it. The
-    /// datasheet gives no figure that we know of; drivers in the wild wait 250 ms. Not confirmed.
+    /// Time in microseconds for the analog supply to settle before anything is calibrated on it.
+    /// The datasheet gives no figure that we know of; drivers in the wild wait 250 ms. Not
+    /// confirmed.
     pub supply_settle_us: u32,
     /// Regulator trimmed for output capacitors with high ESR (PGA bit 6).
     pub ldo_stable: bool,
@@ -33,8 +34,9 @@ pub struct Config {
 }
 
 impl Config {
-    /// A force unit: 3.0 V bridge supply from the regulator, gain 128, 320 samples a second, channel 1,
-    /// DRDY active high, capacitor across the free channel 2, internal offset calibration.
+    /// A force unit: 3.0 V bridge supply from the regulator, gain 128, 320 samples a second,
+    /// channel 1, DRDY active high, capacitor across the free channel 2, internal offset
+    /// calibration.
     pub const FORCE_UNIT: Self = Self {
         ldo: Some(LdoVoltage::V3_0),
         supply_settle_us: 250_000,
@@ -56,8 +58,8 @@ impl Config {
         .with_power_up_digital(true)
         .bits();
 
-    /// Value of PU_CTRL with the conversions stopped: 0xAE with the internal regulator, the value of the
-    /// datasheet's power-on sequence (section 9.1); bits 5 and 3 in it are read-only.
+    /// Value of PU_CTRL with the conversions stopped: 0xAE with the internal regulator, the value
+    /// of the datasheet's power-on sequence (section 9.1); bits 5 and 3 in it are read-only.
     pub const fn pu_ctrl(&self) -> PuCtrl {
         PuCtrl::from_bits(0x2E).with_avdds(self.ldo.is_some())
     }
@@ -107,8 +109,8 @@ impl Config {
         Adc::CHOPPER_OFF.with_fast_read_enable(self.fast_read)
     }
 
-    /// Full scale of the input in nanovolts at this gain, for the regulator's nominal voltage or, with
-    /// an external supply, `external_mv`: 0.5 VREF / gain, 11_718_750 at 3.0 V and gain 128.
+    /// Full scale of the input in nanovolts at this gain, for the regulator's nominal voltage or,
+    /// with an external supply, `external_mv`: 0.5 VREF / gain, 11_718_750 at 3.0 V and gain 128.
     pub const fn full_scale_nv(&self, external_mv: u16) -> u64 {
         let millivolts = match self.ldo {
             Some(ldo) => ldo.millivolts(),

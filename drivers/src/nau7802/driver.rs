@@ -44,8 +44,8 @@ pub enum Error<E> {
 }
 
 impl<E> Error<E> {
-    /// For a fault record. A sequence error gives [`SequenceError::detail`]; a single transaction gives
-    /// stage 0, the operation's number, the register's address and 0.
+    /// For a fault record. A sequence error gives [`SequenceError::detail`]; a single transaction
+    /// gives stage 0, the operation's number, the register's address and 0.
     pub fn detail(&self) -> u32 {
         match self {
             Self::Bus {
@@ -179,9 +179,10 @@ impl<I2C: I2c> Nau7802<I2C> {
         self.run(Bringup::calibrate(self.config, mode), delay)
     }
 
-    /// Reads the conversion result. Wait for DRDY first: an early read repeats the previous result, and counts as one.
-    /// `None`: one of the [`Settling::RESULTS`] that follow a start, a calibration or a change, which are discarded. Before the
-    /// first call after one of these, read and drop a result that is ready already.
+    /// Reads the conversion result. Wait for DRDY first: an early read repeats the previous result,
+    /// and counts as one. `None`: one of the [`Settling::RESULTS`] that follow a start, a
+    /// calibration or a change, which are discarded. Before the first call after one of these, read
+    /// and drop a result that is ready already.
     ///
     /// # Errors
     /// [`Error::Bus`].
@@ -352,7 +353,8 @@ impl<I2C: I2c> Nau7802<I2C> {
                     return Ok(());
                 }
                 Action::Failed(error) => {
-                    // A bus error before a successful restart is not the cause of a later failed check.
+                    // A bus error before a successful restart is not the cause of a later failed
+                    // check.
                     let source = if error.cause == Cause::Bus {
                         bus_error
                     } else {

@@ -1,17 +1,19 @@
 //! The NAU7802's fast read (FRD), and why the sample path doesn't use it.
 //!
 //! # What it is
-//! * Confirmed (register description of 0x11 bit 6): "enable fast read", a *special non-standard I2C*
-//!   feature that also needs bit 7 of register 0x15 set. [`Config::fast_read`](super::Config::fast_read)
-//!   sets both bits.
-//! * Inferred, **unconfirmed on silicon**: a fast read is 33 clocks where the plain one is 54. 33 is one
-//!   address byte with its acknowledge (9 clocks) and 24 data bits with no acknowledge slots between
-//!   them, most significant bit first; the register address is implied. No other split gives 33.
+//! * Confirmed (register description of 0x11 bit 6): "enable fast read", a *special non-standard
+//!   I2C* feature that also needs bit 7 of register 0x15 set.
+//!   [`Config::fast_read`](super::Config::fast_read) sets both bits.
+//! * Inferred, **unconfirmed on silicon**: a fast read is 33 clocks where the plain one is 54. 33
+//!   is one address byte with its acknowledge (9 clocks) and 24 data bits with no acknowledge slots
+//!   between them, most significant bit first; the register address is implied. No other split
+//!   gives 33.
 //!
 //! # Why the firmware leaves it off
-//! A hardware I2C controller always clocks nine bits a byte. Without the acknowledge slots it would lose
-//! two data bits and shift the rest, so a fast read has to be bit-banged. The interrupt-driven sample
-//! path would pay more in CPU time than the 21 clocks (52 us at 400 kHz) that it saves on the bus.
+//! A hardware I2C controller always clocks nine bits a byte. Without the acknowledge slots it would
+//! lose two data bits and shift the rest, so a fast read has to be bit-banged. The interrupt-driven
+//! sample path would pay more in CPU time than the 21 clocks (52 us at 400 kHz) that it saves on
+//! the bus.
 //!
 //! What is here: the frame as a pure iterator ([`steps`]), its decoder ([`FrameDecoder`]), and a
 //! bit-banged reader on embedded-hal pins ([`FastReader`]) to try it on a bench.
@@ -26,8 +28,8 @@ use super::regs::ADDRESS;
 pub const CLOCKS: u32 = 9 + DATA_BITS;
 const DATA_BITS: u32 = 24;
 
-/// One step of the frame. [`Step::Drive`], [`Step::SampleAck`] and [`Step::SampleBit`] are one SCL clock
-/// each.
+/// One step of the frame. [`Step::Drive`], [`Step::SampleAck`] and [`Step::SampleBit`] are one SCL
+/// clock each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// START: SDA falls while SCL is high.

@@ -2,8 +2,8 @@
 //!
 //! * [`Register`] and the byte types: the register map.
 //! * [`Config`]: settings and the register values they become.
-//! * [`proto`]: bytes of each transaction. [`proto::READ_ADC`] and [`proto::decode_adc`] are the whole
-//!   sample path.
+//! * [`proto`]: bytes of each transaction. [`proto::READ_ADC`] and [`proto::decode_adc`] are the
+//!   whole sample path.
 //! * [`Bringup`]: power-up, configuration, verification and calibration as a state machine.
 //! * [`Settling`]: which results to discard after a start.
 //! * [`Nau7802`]: blocking driver over the same.
@@ -11,9 +11,9 @@
 //!
 //! # Traps that this driver avoids
 //! The conversion-ready bit is not a substitute for the DRDY pin; CALS is waited for and CAL_ERR
-//! checked after each calibration; CS is set, or nothing converts; results are sign-extended from 24
-//! bits; the revision is read only once PUR is up, and then retried a bounded number of times; six results
-//! are discarded after a start, whether or not the part announces them.
+//! checked after each calibration; CS is set, or nothing converts; results are sign-extended from
+//! 24 bits; the revision is read only once PUR is up, and then retried a bounded number of times;
+//! six results are discarded after a start, whether or not the part announces them.
 //!
 //! # Timing
 //! DRDY announces a result that is already 6.25 ms old at 320 samples a second (group delay of the

@@ -6,15 +6,16 @@
 use super::code::{AdcCode, Coefficients};
 use super::regs::{Channel, PuCtrl, Register, Revision};
 
-/// Write phase of a sample read. Reading 0x12 latches all 24 bits, so the three bytes belong together.
+/// Write phase of a sample read. Reading 0x12 latches all 24 bits, so the three bytes belong
+/// together.
 pub const READ_ADC: [u8; 1] = [Register::Adco.address()];
 /// Bytes of the read phase that follows [`READ_ADC`].
 pub const READ_ADC_LEN: usize = 3;
 /// SCL clocks of a sample read: address, register, address again and three data bytes, 9 each.
 pub const READ_ADC_CLOCKS: u32 = 6 * 9;
 
-/// Decodes the read phase of [`READ_ADC`]. A read before DRDY returns the previous result: pair it with
-/// the DRDY edge.
+/// Decodes the read phase of [`READ_ADC`]. A read before DRDY returns the previous result: pair it
+/// with the DRDY edge.
 pub const fn decode_adc(bytes: [u8; READ_ADC_LEN]) -> AdcCode {
     AdcCode::from_be_bytes(bytes)
 }

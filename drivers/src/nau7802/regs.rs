@@ -1,14 +1,15 @@
-//! The NAU7802 register map as types (datasheet rev. 1.7, section 11 "Device register map details").
+//! The NAU7802 register map as types (datasheet rev. 1.7, section 11 "Device register map
+//! details").
 //!
-//! Each register is a newtype over its byte. `with_*` methods build a value, getters take one apart;
-//! all are `const`, so that a configuration can be a constant in flash.
+//! Each register is a newtype over its byte. `with_*` methods build a value, getters take one
+//! apart; all are `const`, so that a configuration can be a constant in flash.
 
 /// 7-bit I2C address, fixed in silicon (datasheet section 8.3.1: device address byte 0101010x).
 pub const ADDRESS: u8 = 0x2A;
 
 numbered! {
-    /// Addresses of the registers this driver uses. Multi-byte registers are named by their first byte;
-    /// the register pointer auto-increments (0x7F wraps to 0x00).
+    /// Addresses of the registers this driver uses. Multi-byte registers are named by their first
+    /// byte; the register pointer auto-increments (0x7F wraps to 0x00).
     Register,
     /// The datasheet's name, for messages.
     name {
@@ -190,8 +191,9 @@ impl Ctrl2 {
 byte_register! {
     /// I2C_CTRL, 0x11, reset value 0x00 (datasheet section 11, REG0x11).
     I2cCtrl {
-        /// CRSD: pull SDA low when a conversion is complete and the bus is idle ("special non-standard
-        /// I2C"). Never set it on a shared bus: every other master and mux sees a held bus.
+        /// CRSD: pull SDA low when a conversion is complete and the bus is idle ("special
+        /// non-standard I2C"). Never set it on a shared bus: every other master and mux sees a held
+        /// bus.
         7: sda_low_when_ready, with_sda_low_when_ready;
         /// FRD: fast read ("special non-standard I2C"), see [`crate::nau7802::fast_read`].
         6: fast_read, with_fast_read;
@@ -412,7 +414,8 @@ impl Rate {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum CalibrationMode {
-    /// Offset of the converter itself; the inputs are disconnected meanwhile, the load doesn't matter.
+    /// Offset of the converter itself; the inputs are disconnected meanwhile, the load doesn't
+    /// matter.
     InternalOffset = 0,
     /// Offset at the pins: needs zero input, that is, an unloaded cell.
     SystemOffset = 2,

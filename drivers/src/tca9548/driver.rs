@@ -6,10 +6,11 @@ use embedded_hal::i2c::I2c;
 
 use super::selector::{Address, ChannelMask, MuxState, ReadBackError, Selector};
 
-/// Length of the reset pulse, nanoseconds. The part needs 6 ns, and takes up to 500 ns to release SDA
-/// (SCPS207F section 6.7); this is generous to slow edges.
+/// Length of the reset pulse, nanoseconds. The part needs 6 ns, and takes up to 500 ns to release
+/// SDA (SCPS207F section 6.7); this is generous to slow edges.
 pub const RESET_PULSE_NS: u32 = 1_000;
-/// From the end of the reset pulse to the next START, nanoseconds. The part needs 0 ns (section 6.7).
+/// From the end of the reset pulse to the next START, nanoseconds. The part needs 0 ns (section
+/// 6.7).
 pub const RESET_RECOVERY_NS: u32 = 1_000;
 
 /// What failed.
@@ -43,8 +44,8 @@ pub enum Error<E, P> {
 }
 
 impl<E, P> Error<E, P> {
-    /// For a fault record: number of the failure (1 write, 2 read, 3 read-back, 4 reset pin), expected mask
-    /// and mask found, from the third byte down.
+    /// For a fault record: number of the failure (1 write, 2 read, 3 read-back, 4 reset pin),
+    /// expected mask and mask found, from the third byte down.
     pub fn detail(&self) -> u32 {
         let (number, expected, found) = match self {
             Self::Bus {
@@ -196,8 +197,8 @@ impl<I2C: I2c, RST: OutputPin> Tca9548<I2C, RST> {
         self.selector.invalidate();
     }
 
-    /// Pulses the reset line: clears the mask and frees a hung bus state machine. The mask counts as
-    /// unknown afterwards, so that the next selection is written whatever the reset did.
+    /// Pulses the reset line: clears the mask and frees a hung bus state machine. The mask counts
+    /// as unknown afterwards, so that the next selection is written whatever the reset did.
     ///
     /// # Errors
     /// [`Error::ResetPin`].

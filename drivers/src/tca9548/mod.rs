@@ -1,10 +1,10 @@
 //! TCA9548A: eight-channel I2C multiplexer (TI datasheet SCPS207).
 //!
-//! One control byte, bit n = channel n; any set of channels may be on at once. The part switches only
-//! after the STOP of the write, so the mask and the traffic behind it are two transactions.
+//! One control byte, bit n = channel n; any set of channels may be on at once. The part switches
+//! only after the STOP of the write, so the mask and the traffic behind it are two transactions.
 //!
-//! * [`Selector`]: which mask is in force, without a bus. It skips a write that would change nothing and
-//!   trusts nothing after a failure.
+//! * [`Selector`]: which mask is in force, without a bus. It skips a write that would change
+//!   nothing and trusts nothing after a failure.
 //! * [`Tca9548`]: blocking driver over the same, with the reset line.
 //! * [`recovery`]: frees a blocked bus, step by step.
 

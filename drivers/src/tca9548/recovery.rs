@@ -1,17 +1,18 @@
 //! Recovery of a blocked I2C bus, as state machines without a bus and without a clock.
 //!
-//! A device that was interrupted in the middle of a read holds SDA low until it has clocked out its byte.
-//! [`Recovery`] is the sequence that the board runs, in the order of increasing effect:
+//! A device that was interrupted in the middle of a read holds SDA low until it has clocked out its
+//! byte. [`Recovery`] is the sequence that the board runs, in the order of increasing effect:
 //!
-//! 1. take SCL and SDA from the controller, [`BusClear`]: up to nine SCL clocks until SDA is free, then a STOP
-//!    (I2C-bus specification UM10204, section 3.1.16). It reaches devices behind the mux only through the channels
-//!    that are on.
-//! 2. if SDA is still low, or the caller requests it: the mux's RESET line, which switches all channels off and
-//!    resets the mux's state machine; then [`BusClear`] again, now without the devices behind the mux.
+//! 1. take SCL and SDA from the controller, [`BusClear`]: up to nine SCL clocks until SDA is free,
+//!    then a STOP (I2C-bus specification UM10204, section 3.1.16). It reaches devices behind the
+//!    mux only through the channels that are on.
+//! 2. if SDA is still low, or the caller requests it: the mux's RESET line, which switches all
+//!    channels off and resets the mux's state machine; then [`BusClear`] again, now without the
+//!    devices behind the mux.
 //! 3. return the lines to the controller.
 //!
-//! Afterwards the mask of the mux is unknown ([`super::Selector::invalidate`]). Repetition, pauses and reports are
-//! the caller's policy.
+//! Afterwards the mask of the mux is unknown ([`super::Selector::invalidate`]). Repetition, pauses
+//! and reports are the caller's policy.
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{InputPin, OutputPin};
@@ -19,8 +20,8 @@ use embedded_hal::digital::{InputPin, OutputPin};
 /// Number of SCL clocks that frees any device: eight data bits and the acknowledge.
 pub const MAX_CLOCKS: u8 = 9;
 
-/// What to do next to clear the bus. Each step ends with half a bit time (1.25 us at 400 kHz; 5 us at
-/// 100 kHz, which every device follows).
+/// What to do next to clear the bus. Each step ends with half a bit time (1.25 us at 400 kHz; 5 us
+/// at 100 kHz, which every device follows).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BusClearStep {
@@ -70,7 +71,8 @@ impl BusClear {
         self.clocks
     }
 
-    /// The next step. `sda_high` is the level of SDA at the end of the step before; ignored by the first.
+    /// The next step. `sda_high` is the level of SDA at the end of the step before; ignored by the
+    /// first.
     pub fn next(&mut self, sda_high: bool) -> BusClearStep {
         let (lines, phase) = match self.phase {
             Phase::Release => ((true, true), Phase::Look),
@@ -98,8 +100,8 @@ impl Default for BusClear {
     }
 }
 
-/// Runs [`BusClear`] on two open-drain pins, half a bit time of `half_period_ns` a step. Returns whether
-/// SDA is free.
+/// Runs [`BusClear`] on two open-drain pins, half a bit time of `half_period_ns` a step. Returns
+/// whether SDA is free.
 ///
 /// # Errors
 /// The pin's error.
@@ -135,7 +137,8 @@ where
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RecoveryStep {
-    /// Disable the controller and take SCL and SDA as open-drain outputs, both released. Takes no time.
+    /// Disable the controller and take SCL and SDA as open-drain outputs, both released. Takes no
+    /// time.
     TakeLines,
     /// Put these levels on the lines and wait half a bit time, as in [`BusClearStep::Lines`].
     Lines {
@@ -174,8 +177,8 @@ pub struct Recovery {
 }
 
 impl Recovery {
-    /// Starts a round. `reset_mux`: reset the mux even if the clocks alone free SDA, for a round after a round
-    /// that did not help.
+    /// Starts a round. `reset_mux`: reset the mux even if the clocks alone free SDA, for a round
+    /// after a round that did not help.
     pub const fn new(reset_mux: bool) -> Self {
         Self {
             phase: RecoveryPhase::Take,
@@ -183,7 +186,8 @@ impl Recovery {
         }
     }
 
-    /// The next step. `sda_high` is the level of SDA at the end of the step before; ignored by the first.
+    /// The next step. `sda_high` is the level of SDA at the end of the step before; ignored by the
+    /// first.
     pub fn next(&mut self, sda_high: bool) -> RecoveryStep {
         loop {
             match &mut self.phase {

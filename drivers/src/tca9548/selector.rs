@@ -57,7 +57,8 @@ impl ChannelMask {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MuxState {
-    /// Nothing: at start, after a reset, and after any transaction that failed, on the mux or behind it.
+    /// Nothing: at start, after a reset, and after any transaction that failed, on the mux or
+    /// behind it.
     Unknown,
     /// The last write was acknowledged and nothing has failed since.
     Known(ChannelMask),
@@ -87,16 +88,17 @@ impl core::error::Error for ReadBackError {}
 
 /// Decides when the mask has to be written, and remembers what is in force.
 ///
-/// The owner of the bus calls [`Selector::request`] before each transaction behind the mux, sends the
-/// byte if there is one, and reports with [`Selector::written`]. Whatever fails on the bus, at the mux or
-/// behind it, is reported with [`Selector::invalidate`].
+/// The owner of the bus calls [`Selector::request`] before each transaction behind the mux, sends
+/// the byte if there is one, and reports with [`Selector::written`]. Whatever fails on the bus, at
+/// the mux or behind it, is reported with [`Selector::invalidate`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Selector {
     state: MuxState,
 }
 
 impl Selector {
-    /// Starts from [`MuxState::Unknown`]: after a warm start of the processor the mux still holds its mask.
+    /// Starts from [`MuxState::Unknown`]: after a warm start of the processor the mux still holds
+    /// its mask.
     pub const fn new() -> Self {
         Self {
             state: MuxState::Unknown,
@@ -110,8 +112,8 @@ impl Selector {
 
     /// The byte to write for `mask`, or `None` if it is in force already.
     ///
-    /// Once a byte is handed out the state is [`MuxState::Unknown`] until [`Self::written`]: the write may
-    /// reach the part and still fail.
+    /// Once a byte is handed out the state is [`MuxState::Unknown`] until [`Self::written`]: the
+    /// write may reach the part and still fail.
     #[must_use = "the byte has to be written before the channel can be used"]
     pub fn request(&mut self, mask: ChannelMask) -> Option<[u8; 1]> {
         if self.state == MuxState::Known(mask) {
@@ -131,7 +133,8 @@ impl Selector {
         self.state = MuxState::Unknown;
     }
 
-    /// Compares a byte read from the part with what was written; on a difference the state is unknown.
+    /// Compares a byte read from the part with what was written; on a difference the state is
+    /// unknown.
     ///
     /// # Errors
     /// [`ReadBackError`] if they differ.

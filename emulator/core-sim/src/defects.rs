@@ -1,5 +1,5 @@
-//! What is broken in the controller and between it and the chips, for the fault campaign. Defects of the chips are those of
-//! `emulator::board`.
+//! What is broken in the controller and between it and the chips, for the fault campaign. Defects
+//! of the chips are those of `emulator::board`.
 
 use board::machine::Health;
 use wire::UNITS;
@@ -37,7 +37,8 @@ impl Bits {
 pub struct Defects {
     /// The superloop hangs; the watchdog resets the controller.
     pub hung: bool,
-    /// What the superloop finds of itself, of the DACs' link and of its registers. The E-stop is the board's.
+    /// What the superloop finds of itself, of the DACs' link and of its registers. The E-stop is
+    /// the board's.
     pub health: Health,
     /// Codes of the converters.
     pub codes: [Bits; UNITS],

@@ -15,8 +15,8 @@ use std::time::Instant;
 use wire::message::{Command, CrashRecord, Response, Status};
 use wire::{HostFrame, UNITS};
 
-/// Slack of the cables at power-on where a virtual arm holds them, m: an operator lays them loose for the zeroing, and the
-/// arm moves by a millimetre when it takes hold.
+/// Slack of the cables at power-on where a virtual arm holds them, m: an operator lays them loose
+/// for the zeroing, and the arm moves by a millimetre when it takes hold.
 const SLACK_M: f64 = 5e-3;
 
 /// Slack of the cable of a unit that is not used, m: more than a workspace is wide.
@@ -32,14 +32,14 @@ pub struct Options {
     pub seed: u64,
     /// The plant behind the board.
     pub plant: PlantConfig,
-    /// A virtual arm that holds the cables' ends; `None`: the plant's prescribed path. With an arm the cables have at least
-    /// 5 mm of slack at power-on.
+    /// A virtual arm that holds the cables' ends; `None`: the plant's prescribed path. With an arm
+    /// the cables have at least 5 mm of slack at power-on.
     pub robot: Option<ArmConfig>,
-    /// Number of the run of this rig: noise, zeros, clocks and the prescribed path are drawn anew for each. Run 0 draws them from
-    /// `seed` alone.
+    /// Number of the run of this rig: noise, zeros, clocks and the prescribed path are drawn anew
+    /// for each. Run 0 draws them from `seed` alone.
     pub run: u64,
-    /// Seed of the chips (noise, zeros, clocks); `None`: that of the run. With it one rig and one arm run several trials whose noise
-    /// differs.
+    /// Seed of the chips (noise, zeros, clocks); `None`: that of the run. With it one rig and one
+    /// arm run several trials whose noise differs.
     pub chips_seed: Option<u64>,
     /// Units whose cables hang loose because they are not used.
     pub loose: [bool; UNITS],
@@ -97,7 +97,8 @@ impl CoreRig {
         Self::with_chips(plant, seed, chips_seed)
     }
 
-    /// A rig with a plant that the caller has built, for example with a robot ([`Plant::with_robot`]).
+    /// A rig with a plant that the caller has built, for example with a robot
+    /// ([`Plant::with_robot`]).
     ///
     /// # Errors
     /// The plant must have six units.
@@ -207,7 +208,8 @@ impl CoreRig {
         self.now_ns = end;
     }
 
-    /// Resets the controller: the DACs go to 0 V, and it begins anew with what is still broken. `record`: what it left behind.
+    /// Resets the controller: the DACs go to 0 V, and it begins anew with what is still broken.
+    /// `record`: what it left behind.
     pub fn reset(&mut self, record: Option<CrashRecord>) {
         let defects = Defects {
             hung: false,
@@ -238,7 +240,8 @@ impl CoreRig {
         &mut self.board
     }
 
-    /// Flips a bit of what was computed from the configuration of `unit` (from 0): a fault of the memory.
+    /// Flips a bit of what was computed from the configuration of `unit` (from 0): a fault of the
+    /// memory.
     #[cfg(feature = "injection")]
     pub fn flip_config(&mut self, unit: usize, bit: u32) {
         self.superloop.flip_config(unit, bit);
@@ -265,7 +268,8 @@ impl CoreRig {
         self.board.set_robot_moving(moving);
     }
 
-    /// Lets another controller drive the amplifiers, V at their inputs; `None`: the board's DACs again.
+    /// Lets another controller drive the amplifiers, V at their inputs; `None`: the board's DACs
+    /// again.
     pub fn drive_outside(&mut self, volts: Option<[f64; UNITS]>) {
         self.board.drive_outside(volts);
     }
@@ -296,8 +300,8 @@ impl CoreRig {
         match injection {
             Injection::LoseClock(lost) => {
                 self.board.set_clock_lost(lost);
-                // The clock security system's interrupt resets a controller that runs; one without a clock from the start boots
-                // on its own.
+                // The clock security system's interrupt resets a controller that runs; one without
+                // a clock from the start boots on its own.
                 if lost {
                     let record = (self.now_ns > 0).then(|| CrashRecord {
                         code: Fault::ClockFailure.code(),

@@ -1,4 +1,5 @@
-//! The I2C half of the firmware: the bus scheduler of the image, and its transactions on the emulated board's bus.
+//! The I2C half of the firmware: the bus scheduler of the image, and its transactions on the
+//! emulated board's bus.
 
 use crate::timing::{transfer_ns, HANDLER_NS};
 use board::bus::{Bus, Event, Sink, Transfer, TransferError, Work};

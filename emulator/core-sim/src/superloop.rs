@@ -1,4 +1,5 @@
-//! The superloop of the image on the host: samples to the machine, the supervisor's millisecond, commands and telemetry.
+//! The superloop of the image on the host: samples to the machine, the supervisor's millisecond,
+//! commands and telemetry.
 
 use crate::defects::Defects;
 use crate::line::{Line, USART};
@@ -228,7 +229,8 @@ impl Superloop {
         board.dac_code(t_ns, self.defects.dac_of[unit].unwrap_or(unit), word);
     }
 
-    /// The DACs' millisecond: words that wait behind no new one are sent again, whatever the superloop does.
+    /// The DACs' millisecond: words that wait behind no new one are sent again, whatever the
+    /// superloop does.
     fn outputs_again(&mut self, board: &mut Board, t_ns: u64) {
         for unit in 0..UNITS {
             if self.words[unit].is_none() {
@@ -237,7 +239,8 @@ impl Superloop {
         }
     }
 
-    /// A superloop that hangs sees nothing of its millisecond. `Some`: the watchdog resets the controller now.
+    /// A superloop that hangs sees nothing of its millisecond. `Some`: the watchdog resets the
+    /// controller now.
     fn hangs(&mut self) -> Option<CrashRecord> {
         self.hung_ns += TICK_NS;
         (self.hung_ns > WATCHDOG_NS).then(|| CrashRecord {

@@ -1,14 +1,14 @@
 //! Delays that stand in for the controller's instructions and interrupts.
 //!
-//! The bits on the buses take the time that they take on the part. The two delays of the core are the embedded rig's,
-//! which counts 4 ns for an instruction: `cargo xtask bench` prints that rig's latencies, `forcectl set-force 0 2.5 0 --link
-//! fast` the ones here.
+//! The bits on the buses take the time that they take on the part. The two delays of the core are
+//! the embedded rig's, which counts 4 ns for an instruction: `cargo xtask bench` prints that rig's
+//! latencies, `forcectl set-force 0 2.5 0 --link fast` the ones here.
 
 /// A bit on the I2C bus at 400 kHz, ns.
 pub const I2C_BIT_NS: u64 = 2_500;
 
-/// From the end of a converter's edge to the START on the bus, and from the STOP of one transaction to the START of the
-/// next: interrupt entry and scheduler, ns.
+/// From the end of a converter's edge to the START on the bus, and from the STOP of one transaction
+/// to the START of the next: interrupt entry and scheduler, ns.
 pub const HANDLER_NS: u64 = 1_500;
 
 /// From the STOP of the read to the LDAC edge of the DAC: queue, control core, SPI word, ns.
@@ -42,7 +42,8 @@ mod tests {
 
     #[test]
     fn a_result_takes_the_time_that_the_bus_scheduler_counts_with() {
-        // board::bus: "a sample then needs 92 us on the bus": three bytes with the pointer set beforehand.
+        // board::bus: "a sample then needs 92 us on the bus": three bytes with the pointer set
+        // beforehand.
         assert_eq!(transfer_ns(0, 3), 95_000);
         // One byte written: the select of the multiplexer.
         assert_eq!(transfer_ns(1, 0), 50_000);

@@ -1,6 +1,6 @@
-//! The driver of the converters behind another author's multiplexer driver, the crate `xca9548a`, and behind ours, on the models of the
-//! chips: each converter is reached through its channel, and what the driver hands out is settled in every variant of the
-//! converters.
+//! The driver of the converters behind another author's multiplexer driver, the crate `xca9548a`,
+//! and behind ours, on the models of the chips: each converter is reached through its channel, and
+//! what the driver hands out is settled in every variant of the converters.
 
 use drivers::nau7802::{self, AdcCode, Config, Nau7802};
 use drivers::tca9548::{self, ChannelMask, Tca9548};
@@ -146,7 +146,8 @@ fn code(adc: &mut Nau7802<impl I2c>, stand: &RefCell<Stand>, unit: usize) -> Adc
     }
 }
 
-/// Brings a unit's converter up with a load on its cell; the first results that the driver hands out.
+/// Brings a unit's converter up with a load on its cell; the first results that the driver hands
+/// out.
 fn first_codes(i2c: impl I2c, stand: &RefCell<Stand>, unit: usize, count: usize) -> Vec<i32> {
     let load = Injection::PullCable(unit as u8 + 1, LOAD_N);
     stand.borrow_mut().board.inject(load).expect("a unit");
@@ -243,7 +244,8 @@ fn our_multiplexer_driver_and_the_other_agree() {
     }
 }
 
-/// A read after a repeated START gives the byte that was just written, before the STOP puts it in force.
+/// A read after a repeated START gives the byte that was just written, before the STOP puts it in
+/// force.
 #[test]
 fn a_mask_can_be_read_back_in_the_transaction_that_writes_it() {
     let stand = Stand::new(34, &[]);

@@ -1,7 +1,9 @@
-//! Two drivers of the NAU7802 from PyPI, unmodified, on the model of the chip: `sparkfun-qwiic-nau7802` and `nau7802`. A program in
-//! Python loads them with a bus that is a pipe to this test; waits and clock are the model's, so nothing here takes real time.
+//! Two drivers of the NAU7802 from PyPI, unmodified, on the model of the chip:
+//! `sparkfun-qwiic-nau7802` and `nau7802`. A program in Python loads them with a bus that is a pipe
+//! to this test; waits and clock are the model's, so nothing here takes real time.
 //!
-//! `cargo xtask test python-drivers` installs them and names their Python in CHIP_TEST_PYTHON. Without it the test skips itself.
+//! `cargo xtask test python-drivers` installs them and names their Python in CHIP_TEST_PYTHON.
+//! Without it the test skips itself.
 
 use emulator::devices::nau7802::Nau7802;
 use emulator::devices::Complaints;
@@ -145,8 +147,8 @@ fn number(found: &BTreeMap<String, String>, name: &str) -> f64 {
 /// Codes of 1 mV/V at gain 128: full scale is half the reference.
 const PER_MV_PER_V: f64 = 1e-3 * 128.0 * 16_777_216.0;
 
-/// Neither driver sets CS, and both are known to work: they read a converter that runs free, and get nothing from one that does
-/// what section 9.1 says.
+/// Neither driver sets CS, and both are known to work: they read a converter that runs free, and
+/// get nothing from one that does what section 9.1 says.
 #[test]
 fn drivers_from_pypi_read_a_converter_that_runs_free() {
     for reports_unsettled in [false, true] {

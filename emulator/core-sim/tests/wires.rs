@@ -42,8 +42,8 @@ fn a_word_reaches_its_own_dac_unless_a_wire_is_wrong() {
     }
 }
 
-/// The firmware runs without a host: it is not configured, so its alive line stands still and the PLC gives no power. Here the test
-/// moves the line.
+/// The firmware runs without a host: it is not configured, so its alive line stands still and the
+/// PLC gives no power. Here the test moves the line.
 fn alive(rig: &mut CoreRig, from_ms: u64) {
     for ms in from_ms..from_ms + 20 {
         rig.board_mut().advance(ms * 1_000_000);

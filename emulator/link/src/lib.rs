@@ -1,14 +1,15 @@
 //! The lock-step link between a host program and the embedded rig.
 //!
 //! The rig is a process of its own (`rig`, package `emulator`): it boots the firmware image on the
-//! emulated STM32H753 and then advances only on request. The host sends a [`Request`], the rig sends
-//! exactly one [`Response`]; virtual time passes only inside [`Request::Advance`]. So a host
+//! emulated STM32H753 and then advances only on request. The host sends a [`Request`], the rig
+//! sends exactly one [`Response`]; virtual time passes only inside [`Request::Advance`]. So a host
 //! controller that runs at 100 Hz sees the same bytes at the same virtual times on every machine.
 //!
-//! On the pipe (rig's standard input and output) each message is a little-endian `u32` length followed
-//! by that many bytes of postcard. The rig's log goes to its standard error. This link carries what a
-//! lab has beside the board's own serial line: the robot's pose, the wall clock, and actions by hand such as
-//! pulling a plug. The board's bytes pass through it unchanged (see the crate `wire`).
+//! On the pipe (rig's standard input and output) each message is a little-endian `u32` length
+//! followed by that many bytes of postcard. The rig's log goes to its standard error. This link
+//! carries what a lab has beside the board's own serial line: the robot's pose, the wall clock, and
+//! actions by hand such as pulling a plug. The board's bytes pass through it unchanged (see the
+//! crate `wire`).
 
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
@@ -30,16 +31,18 @@ pub enum Request {
         /// The host's [`LINK_VERSION`].
         version: u32,
     },
-    /// Put `to_board` on the board's receive line at its baud rate, then let `duration_ns` of virtual
-    /// time pass; answered by [`Response::Advanced`]. A rig that was started with `--usb` sends the bytes through its
-    /// USB socket instead; when the host there loses the device, the answer is [`Response::Unplugged`] once.
+    /// Put `to_board` on the board's receive line at its baud rate, then let `duration_ns` of
+    /// virtual time pass; answered by [`Response::Advanced`]. A rig that was started with `--usb`
+    /// sends the bytes through its USB socket instead; when the host there loses the device, the
+    /// answer is [`Response::Unplugged`] once.
     Advance {
         /// Virtual time to pass, in nanoseconds.
         duration_ns: u64,
         /// Bytes for the board's USART3, or its USB port.
         to_board: Vec<u8>,
     },
-    /// Start or stop the robot's random path (it ramps in and out smoothly); answered by [`Response::Done`].
+    /// Start or stop the robot's random path (it ramps in and out smoothly); answered by
+    /// [`Response::Done`].
     Robot {
         /// `true`: move; `false`: stop.
         moving: bool,
@@ -90,18 +93,21 @@ pub enum Injection {
     HangLoop,
     /// Flip one bit in RAM: address, bit.
     FlipBit(u32, u8),
-    /// Open (`true`) or close an excitation wire of a unit's load cell: the bridge gives nothing, whatever the force.
+    /// Open (`true`) or close an excitation wire of a unit's load cell: the bridge gives nothing,
+    /// whatever the force.
     OpenBridge(u8, bool),
     /// The converter of a unit repeats its last result (`true`), with DRDY as usual.
     FrozenCode(u8, bool),
     /// Exchange (`true`) the two signal wires of a unit's load cell: a pull lowers the code.
     WrongSign(u8, bool),
-    /// The DAC of a unit keeps its output (`true`), whatever is written and whatever its RST line does.
+    /// The DAC of a unit keeps its output (`true`), whatever is written and whatever its RST line
+    /// does.
     StuckDac(u8, bool),
-    /// Lock the DMA stream that feeds the board's USART3, as the part does without TRBUFF: it moves nothing until it is
-    /// disabled and enabled again.
+    /// Lock the DMA stream that feeds the board's USART3, as the part does without TRBUFF: it moves
+    /// nothing until it is disabled and enabled again.
     StallUsart,
-    /// Set the bus-error flag of the I2C controller without a cause, as the part may (ES0392: the transfer continues).
+    /// Set the bus-error flag of the I2C controller without a cause, as the part may (ES0392: the
+    /// transfer continues).
     BusError,
     /// A pulse of a microsecond on a unit's DRDY line, without a conversion.
     DrdyGlitch(u8),
@@ -121,22 +127,25 @@ pub enum Injection {
     FlipBusBit(u16),
     /// Invert this bit of the next word to a DAC, 15 is the first on the wire.
     FlipDacBit(u8),
-    /// Converters latch their result when the register pointer is set to it (`true`), instead of when it is read. The
-    /// datasheet lines at hand leave it open.
+    /// Converters latch their result when the register pointer is set to it (`true`), instead of
+    /// when it is read. The datasheet lines at hand leave it open.
     LatchAtPointer(bool),
-    /// DRDY rises at the end of a calibration and a start of conversions leaves it high (`true`). Left open by the
-    /// datasheet too.
+    /// DRDY rises at the end of a calibration and a start of conversions leaves it high (`true`).
+    /// Left open by the datasheet too.
     KeepReady(bool),
-    /// Converters convert without CS, and do not stop with it (`true`): published drivers never set it.
+    /// Converters convert without CS, and do not stop with it (`true`): published drivers never set
+    /// it.
     FreeRun(bool),
     /// The six conversions that settle after a start come with DRDY (`true`). Sources differ.
     ReportUnsettled(bool),
     /// The next so many rising edges of a unit's DRDY line do not reach the controller.
     LoseDrdy(u8, u8),
-    /// The ST-Link's clock stops (`true`), or comes back for the next start. The clock security system's NMI follows
-    /// within a millisecond of the emulated board, where the part needs a microsecond.
+    /// The ST-Link's clock stops (`true`), or comes back for the next start. The clock security
+    /// system's NMI follows within a millisecond of the emulated board, where the part needs a
+    /// microsecond.
     LoseClock(bool),
-    /// The supply falls below the brown-out level and comes back: a reset that only RCC_RSR tells from others.
+    /// The supply falls below the brown-out level and comes back: a reset that only RCC_RSR tells
+    /// from others.
     BrownOut,
     /// The core makes an access that no code of the firmware makes and the MPU refuses.
     Forbidden(Forbidden),
@@ -148,24 +157,30 @@ pub enum Injection {
     SuspendUsb(bool),
     /// The USB host reads what the board sends (`true`), or stops reading.
     ReadUsb(bool),
-    /// The SPI controller of the DACs stops (`true`): a word that is begun never ends. Its registers keep their values.
+    /// The SPI controller of the DACs stops (`true`): a word that is begun never ends. Its
+    /// registers keep their values.
     StopSpi(bool),
-    /// Flip one bit of a core register of the code that the next exception of this number interrupts: exception (15 is
-    /// SysTick, 16 + n interrupt n), register (0 to 12, 13 SP, 14 LR, 15 PC, 16 xPSR), bit.
+    /// Flip one bit of a core register of the code that the next exception of this number
+    /// interrupts: exception (15 is SysTick, 16 + n interrupt n), register (0 to 12, 13 SP, 14 LR,
+    /// 15 PC, 16 xPSR), bit.
     FlipCore(u8, u8, u8),
-    /// Exchange the plugs of two units' encoders, in place of an exchange before; a unit with itself: none.
+    /// Exchange the plugs of two units' encoders, in place of an exchange before; a unit with
+    /// itself: none.
     ExchangeEncoders(u8, u8),
     /// Exchange the cables of two units' motors, likewise.
     ExchangeMotors(u8, u8),
-    /// Exchange the cables of two units' load cells, likewise: each converter with its DRDY line stays where it is.
+    /// Exchange the cables of two units' load cells, likewise: each converter with its DRDY line
+    /// stays where it is.
     ExchangeCells(u8, u8),
     /// Exchange the DRDY lines of two units' converters, likewise.
     ExchangeDrdy(u8, u8),
     /// A unit's encoder has this many lines in place of 1,000.
     EncoderLines(u8, u16),
-    /// A unit's amplifier gives this share of its current (1: in order; negative: the motor's wires are exchanged).
+    /// A unit's amplifier gives this share of its current (1: in order; negative: the motor's wires
+    /// are exchanged).
     AmplifierShare(u8, f64),
-    /// A hand pulls so many millimetres of cable out of a unit at 50 mm/s, with 3 N; negative: winds them in by the reel.
+    /// A hand pulls so many millimetres of cable out of a unit at 50 mm/s, with 3 N; negative:
+    /// winds them in by the reel.
     PullOut(u8, f64),
     /// A hand pulls the alive line's plug out at the PLC (`true`), or plugs it in.
     UnplugAlive(bool),
@@ -185,10 +200,11 @@ pub enum Injection {
     InvertEStop(bool),
     /// The LDAC pin of a unit's DAC has no wire (`true`): no word reaches its output.
     OpenLdac(u8, bool),
-    /// The select wires of two units' DACs touch: a word for one reaches both. In place of a bridge before; a unit with itself: none.
+    /// The select wires of two units' DACs touch: a word for one reaches both. In place of a bridge
+    /// before; a unit with itself: none.
     TieSelects(u8, u8),
-    /// Exchange the cables of two units' converters at the multiplexer (SDA and SCL), in place of an exchange before; a unit with
-    /// itself: none. DRDY lines and load cells stay.
+    /// Exchange the cables of two units' converters at the multiplexer (SDA and SCL), in place of
+    /// an exchange before; a unit with itself: none. DRDY lines and load cells stay.
     ExchangeChannels(u8, u8),
     /// A unit's load cell gives this share of its signal: one of another capacity.
     CellShare(u8, f64),
@@ -220,8 +236,8 @@ pub enum Response {
     Report(Box<Report>),
     /// The request could not be carried out; the rig goes on.
     Failed(String),
-    /// Virtual time has passed, and the board's USB device left the bus meanwhile: the host's port is gone until it is
-    /// enumerated again.
+    /// Virtual time has passed, and the board's USB device left the bus meanwhile: the host's port
+    /// is gone until it is enumerated again.
     Unplugged,
 }
 
@@ -279,9 +295,9 @@ pub struct Report {
     pub instructions: u64,
     /// Fraction of virtual time that the core slept in WFI or WFE.
     pub sleep_fraction: f64,
-    /// One entry for each DAC update that answered a sample since the last [`Request::Report`], in the
-    /// order they happened. At 1,920 a second, ask at least every two minutes: only the latest 262,144
-    /// are kept.
+    /// One entry for each DAC update that answered a sample since the last [`Request::Report`], in
+    /// the order they happened. At 1,920 a second, ask at least every two minutes: only the latest
+    /// 262,144 are kept.
     pub latencies: Vec<Latency>,
     /// Conversions that became ready, per unit.
     pub conversions: [u64; UNITS],
@@ -295,8 +311,9 @@ pub struct Report {
     pub stack: Option<StackUse>,
 }
 
-/// How deep the stack was at most. Before the first instruction the rig fills the whole stack with a pattern; what has lost it was
-/// used. Room that a function reserves below that and never writes does not show.
+/// How deep the stack was at most. Before the first instruction the rig fills the whole stack with
+/// a pattern; what has lost it was used. Room that a function reserves below that and never writes
+/// does not show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StackUse {
     /// Bytes from the stack's top to the deepest word that was written.
@@ -312,7 +329,8 @@ pub struct Latency {
     pub unit: u8,
     /// Rising edge of DRDY.
     pub drdy_ns: u64,
-    /// First START of the transaction(s) that serve this sample (the multiplexer's, if one was needed).
+    /// First START of the transaction(s) that serve this sample (the multiplexer's, if one was
+    /// needed).
     pub bus_start_ns: u64,
     /// Last data byte of the conversion result is in the receive register.
     pub data_ns: u64,

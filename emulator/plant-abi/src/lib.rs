@@ -1,7 +1,7 @@
 //! The plant behind a C ABI.
 //!
-//! Renode's device models are C#; the physics is the crate `plant`, once. This library is the interface:
-//! a handle, plain numbers, no callbacks. One thread at a time may use a handle.
+//! Renode's device models are C#; the physics is the crate `plant`, once. This library is the
+//! interface: a handle, plain numbers, no callbacks. One thread at a time may use a handle.
 //!
 //! ```c
 //! char error[256];
@@ -13,8 +13,8 @@
 //! plant_free(plant);
 //! ```
 //!
-//! Units count from 0. A null handle or a unit that does not exist gives 0 and changes nothing, except
-//! where a function says otherwise: an error in a model must not end the emulator.
+//! Units count from 0. A null handle or a unit that does not exist gives 0 and changes nothing,
+//! except where a function says otherwise: an error in a model must not end the emulator.
 // A C ABI: exported symbols and the caller's pointers.
 #![allow(unsafe_code)]
 
@@ -36,11 +36,13 @@ pub extern "C" fn plant_abi_version() -> u32 {
     ABI_VERSION
 }
 
-/// A rig at rest; all scatter is drawn from `seed`. `config` is a plant configuration in TOML, or null for
-/// the default one. Returns null where it cannot be built, with the reason, zero-terminated, in `error`.
+/// A rig at rest; all scatter is drawn from `seed`. `config` is a plant configuration in TOML, or
+/// null for the default one. Returns null where it cannot be built, with the reason,
+/// zero-terminated, in `error`.
 ///
 /// # Safety
-/// `config` is null or a zero-terminated string; `error` is null or has room for `error_size` bytes.
+/// `config` is null or a zero-terminated string; `error` is null or has room for `error_size`
+/// bytes.
 #[no_mangle]
 pub unsafe extern "C" fn plant_new(
     seed: u64,
@@ -128,8 +130,8 @@ pub unsafe extern "C" fn plant_advance_to(plant: *mut Plant, t_ns: u64) {
     }
 }
 
-/// Amplifier input of `unit` in volts, from the time reached on. Returns 1, or 0 where the unit does not exist
-/// or the value is not finite (the unit then gets 0 V).
+/// Amplifier input of `unit` in volts, from the time reached on. Returns 1, or 0 where the unit
+/// does not exist or the value is not finite (the unit then gets 0 V).
 ///
 /// # Safety
 /// `plant` is null or a live handle that no other thread uses.
@@ -179,7 +181,8 @@ pub unsafe extern "C" fn plant_bridge_v_per_v(plant: *mut Plant, unit_from_0: u3
     unsafe { unit(plant, unit_from_0) }.map_or(0.0, |(p, u)| p.bridge_v_per_v(u))
 }
 
-/// What one newton along its axis adds to the bridge of `unit`, by the cell's own sensitivity, in V/V per N.
+/// What one newton along its axis adds to the bridge of `unit`, by the cell's own sensitivity, in
+/// V/V per N.
 ///
 /// # Safety
 /// `plant` is null or a live handle that no other thread uses.
@@ -199,12 +202,13 @@ pub unsafe extern "C" fn plant_encoder_counts(plant: *mut Plant, unit_from_0: u3
     unsafe { unit(plant, unit_from_0) }.map_or(0, |(p, u)| p.encoder_counts(u))
 }
 
-/// The true state: tip position (m, 3), tip velocity (m/s, 3), force on the tip (N, 3), then for each unit its
-/// tension (N), reel speed (rad/s) and motor current (A). Writes at most `room` doubles and returns how
-/// many there are.
+/// The true state: tip position (m, 3), tip velocity (m/s, 3), force on the tip (N, 3), then for
+/// each unit its tension (N), reel speed (rad/s) and motor current (A). Writes at most `room`
+/// doubles and returns how many there are.
 ///
 /// # Safety
-/// `plant` is null or a live handle that no other thread uses; `out` is null or has room for `room` doubles.
+/// `plant` is null or a live handle that no other thread uses; `out` is null or has room for `room`
+/// doubles.
 #[no_mangle]
 pub unsafe extern "C" fn plant_truth(plant: *mut Plant, out: *mut f64, room: usize) -> usize {
     // SAFETY: by contract.

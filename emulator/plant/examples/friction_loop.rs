@@ -1,5 +1,6 @@
-//! Draws the force-gauge experiment: tension over time and over cable travel, while a tip pulls cable out and lets
-//! it in at constant commands. Writes `friction_loop.svg` to the folder given (default: the current one).
+//! Draws the force-gauge experiment: tension over time and over cable travel, while a tip pulls
+//! cable out and lets it in at constant commands. Writes `friction_loop.svg` to the folder given
+//! (default: the current one).
 //!
 //! `cargo run -p plant --release --example friction_loop -- target`
 

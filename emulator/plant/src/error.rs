@@ -22,7 +22,8 @@ impl ConfigError {
 
 /// A number, or each of several.
 pub(crate) trait Within {
-    /// Refuses what is not finite or outside `low..=high`; `key` is where it stands in the configuration.
+    /// Refuses what is not finite or outside `low..=high`; `key` is where it stands in the
+    /// configuration.
     fn within(&self, key: &str, low: f64, high: f64) -> Result<(), ConfigError>;
 }
 

@@ -1,8 +1,9 @@
 //! Dry friction with stiction and presliding: a Maxwell-slip model.
 //!
-//! Four spring-and-slider elements in parallel (generalised Maxwell-slip: Al-Bender, Lampaert, Swevers,
-//! IEEE Trans. Automatic Control 50(11), 2005; the sliders are Jenkins elements). Each element's spring
-//! takes up the motion until its share of the friction level is reached, then slides. This gives
+//! Four spring-and-slider elements in parallel (generalised Maxwell-slip: Al-Bender, Lampaert,
+//! Swevers, IEEE Trans. Automatic Control 50(11), 2005; the sliders are Jenkins elements). Each
+//! element's spring takes up the motion until its share of the friction level is reached, then
+//! slides. This gives
 //!
 //! - a band in which the reel holds any force at rest, without the slow drift of a LuGre bristle,
 //! - hysteresis in presliding, with memory of the turning points,
@@ -13,8 +14,8 @@
 /// Number of parallel elements.
 pub const ELEMENTS: usize = 4;
 
-/// Slip distances of the elements as fractions of the presliding distance. Equal shares of the level and
-/// evenly spaced distances make the virgin curve a parabola-like rise.
+/// Slip distances of the elements as fractions of the presliding distance. Equal shares of the
+/// level and evenly spaced distances make the virgin curve a parabola-like rise.
 const SLIP_AT: [f64; ELEMENTS] = [0.25, 0.5, 0.75, 1.0];
 const SHARE: f64 = 1.0 / ELEMENTS as f64;
 
@@ -28,7 +29,8 @@ pub struct MaxwellSlip {
 }
 
 impl MaxwellSlip {
-    /// A relaxed contact that holds `reference_level_n` when displaced by `presliding_m` (both > 0).
+    /// A relaxed contact that holds `reference_level_n` when displaced by `presliding_m` (both >
+    /// 0).
     pub fn new(reference_level_n: f64, presliding_m: f64) -> Self {
         Self {
             force_n: [0.0; ELEMENTS],
@@ -37,8 +39,8 @@ impl MaxwellSlip {
         }
     }
 
-    /// Moves the contact by `displacement_m` while its friction level is `level_n` >= 0; returns the
-    /// friction force in N, positive against positive motion, never above `level_n`.
+    /// Moves the contact by `displacement_m` while its friction level is `level_n` >= 0; returns
+    /// the friction force in N, positive against positive motion, never above `level_n`.
     #[inline]
     pub fn slide(&mut self, displacement_m: f64, level_n: f64) -> f64 {
         let limit = SHARE * level_n;

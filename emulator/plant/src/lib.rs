@@ -18,8 +18,8 @@
 //!
 //! # One force unit
 //!
-//! All mechanics is written at the cable: force in N, positions in m of cable wound, mass as reflected
-//! to the reel's rim. `u` is the motor's pull without any loss, `u = i K_t N / r`.
+//! All mechanics is written at the cable: force in N, positions in m of cable wound, mass as
+//! reflected to the reel's rim. `u` is the motor's pull without any loss, `u = i K_t N / r`.
 //!
 //! ```text
 //! amplifier   di/dt = w_c (g V - i)          g V and i limited, back-EMF headroom of the 48 V supply
@@ -30,21 +30,22 @@
 //! bridge      out   = zero + sensitivity (1 + error) k q / (capacity 9.80665)
 //! ```
 //!
-//! Sliding slowly this gives `T = offset + gain u - sign(v) (coulomb + per_load u)`, the form measured
-//! on the real rig (`F = 0.155 + 1.018 T - sign(v) (0.909 + 0.154 T)` in N); at rest the reel holds
-//! any tension inside the band.
+//! Sliding slowly this gives `T = offset + gain u - sign(v) (coulomb + per_load u)`, the form
+//! measured on the real rig (`F = 0.155 + 1.018 T - sign(v) (0.909 + 0.154 T)` in N); at rest the
+//! reel holds any tension inside the band.
 //!
 //! # Time
 //!
 //! Virtual time is in ns. The state lives on a fixed grid ([`PlantConfig::step_ns`]) and moves by
 //! semi-implicit Euler steps, so results are bit-identical however the calls of
-//! [`Plant::advance_to`] are sliced. Getters show the last grid point at or before the time reached.
-//! An input takes effect at the first grid point at or after the time at which it was set.
+//! [`Plant::advance_to`] are sliced. Getters show the last grid point at or before the time
+//! reached. An input takes effect at the first grid point at or after the time at which it was set.
 //!
 //! # Randomness
 //!
-//! All that differs from rig to rig (friction, gain errors, survey errors, the robot's path) is drawn
-//! from the seed in [`Plant::new`], each from a stream of its own ([`rng`]). Nothing is random later.
+//! All that differs from rig to rig (friction, gain errors, survey errors, the robot's path) is
+//! drawn from the seed in [`Plant::new`], each from a stream of its own ([`rng`]). Nothing is
+//! random later.
 
 pub mod config;
 pub mod effects;

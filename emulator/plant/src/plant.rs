@@ -61,8 +61,8 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// A rig at rest: amplifiers off, 0 V, cables as configured, the robot standing at the start of its path.
-    /// All scatter is drawn from `seed`.
+    /// A rig at rest: amplifiers off, 0 V, cables as configured, the robot standing at the start of
+    /// its path. All scatter is drawn from `seed`.
     ///
     /// # Errors
     /// [`ConfigError`] names the first key that the physics can't take.
@@ -70,8 +70,9 @@ impl Plant {
         Self::of_run(config, seed, 0)
     }
 
-    /// As [`Plant::new`], for a further run of the same rig: the robot's path is drawn anew where the configuration draws it,
-    /// and every figure of the units stays. Run 0 is that of [`Plant::new`].
+    /// As [`Plant::new`], for a further run of the same rig: the robot's path is drawn anew where
+    /// the configuration draws it, and every figure of the units stays. Run 0 is that of
+    /// [`Plant::new`].
     ///
     /// # Errors
     /// As [`Plant::new`].
@@ -81,8 +82,8 @@ impl Plant {
         Ok(Self::with_tip(config, seed, tip))
     }
 
-    /// As [`Plant::new`], with a model of a robot at the cables' ends: of `config.robot` only the workspace centre counts
-    /// then, at which the load cells aim.
+    /// As [`Plant::new`], with a model of a robot at the cables' ends: of `config.robot` only the
+    /// workspace centre counts then, at which the load cells aim.
     ///
     /// # Errors
     /// As [`Plant::new`].
@@ -169,7 +170,8 @@ impl Plant {
         }
     }
 
-    /// Sets the amplifier input of `unit` (from 0), V; positive winds cable in. Clamped to the input range.
+    /// Sets the amplifier input of `unit` (from 0), V; positive winds cable in. Clamped to the
+    /// input range.
     ///
     /// # Errors
     /// No such unit: nothing changes. NaN or infinite: the unit gets 0 V.
@@ -185,8 +187,8 @@ impl Plant {
         }
     }
 
-    /// Lays `slack_m` of cable loose at `unit` (from 0), as for a unit that is not used: its cable can't get taut before the
-    /// tip has moved by as much.
+    /// Lays `slack_m` of cable loose at `unit` (from 0), as for a unit that is not used: its cable
+    /// can't get taut before the tip has moved by as much.
     ///
     /// # Errors
     /// No such unit: nothing changes.
@@ -196,8 +198,9 @@ impl Plant {
         Ok(())
     }
 
-    /// Lets a hand pull `travel_m` of cable out of `unit` (from 0), at 50 mm/s and with 3 N on the cell; negative: a hand winds
-    /// it in by turning the reel. The plant's tension is the cable's at the tip, and does not show the hand.
+    /// Lets a hand pull `travel_m` of cable out of `unit` (from 0), at 50 mm/s and with 3 N on the
+    /// cell; negative: a hand winds it in by turning the reel. The plant's tension is the cable's
+    /// at the tip, and does not show the hand.
     ///
     /// # Errors
     /// No such unit.
@@ -238,13 +241,14 @@ impl Plant {
         &self.config
     }
 
-    /// The true figures of `unit`, as drawn from the seed. Panics when the unit does not exist, like every getter
-    /// below.
+    /// The true figures of `unit`, as drawn from the seed. Panics when the unit does not exist,
+    /// like every getter below.
     pub fn parameters(&self, unit: usize) -> &UnitParameters {
         &self.units[unit].parameters
     }
 
-    /// Hangs a weight of so many newtons on a unit's cell, along its axis, in place of the one before; 0 takes it off.
+    /// Hangs a weight of so many newtons on a unit's cell, along its axis, in place of the one
+    /// before; 0 takes it off.
     pub fn hang_on_cell(&mut self, unit: usize, newtons: f64) {
         if let Some(unit) = self.units.get_mut(unit) {
             unit.hang(newtons);
@@ -274,8 +278,8 @@ impl Plant {
         25.0 + self.units[unit].temperature_rise_k(self.state_time_s())
     }
 
-    /// Encoder position since the start, quadrature counts at x4. Falls while the reel winds in when
-    /// `drive.encoder_inverted`.
+    /// Encoder position since the start, quadrature counts at x4. Falls while the reel winds in
+    /// when `drive.encoder_inverted`.
     pub fn encoder_counts(&self, unit: usize) -> i64 {
         self.units[unit].encoder_counts(&self.shared)
     }

@@ -1,5 +1,5 @@
-//! The robot's tip: a prescribed path, ramped in and out, and the little that it gives way; or a model of a robot
-//! that a caller brings ([`TipModel`]).
+//! The robot's tip: a prescribed path, ramped in and out, and the little that it gives way; or a
+//! model of a robot that a caller brings ([`TipModel`]).
 
 use crate::config::{PathConfig, RobotConfig};
 use crate::vector::{add, norm, scale, sub, Vec3};
@@ -10,12 +10,12 @@ use std::fmt::Debug;
 
 /// A robot that holds the cables' ends in place of the prescribed path of the configuration.
 ///
-/// The plant calls [`TipModel::step`] once per grid step with the force that acted on the tip at the step's start; the
-/// cables follow the position after it. So forces move the tip and the tip moves the cables, on one grid, whatever
-/// drives the plant.
+/// The plant calls [`TipModel::step`] once per grid step with the force that acted on the tip at
+/// the step's start; the cables follow the position after it. So forces move the tip and the tip
+/// moves the cables, on one grid, whatever drives the plant.
 pub trait TipModel: Any + Debug + Send {
-    /// Moves on by `h_s`. `moving`: the robot has a command to follow its path. `force_n`: force on the tip, robot frame,
-    /// N, cables and payload.
+    /// Moves on by `h_s`. `moving`: the robot has a command to follow its path. `force_n`: force on
+    /// the tip, robot frame, N, cables and payload.
     fn step(&mut self, h_s: f64, moving: bool, force_n: Vec3);
 
     /// Position of the tip, robot frame, m.
@@ -51,8 +51,9 @@ enum Path {
     Fixed(Vec3),
 }
 
-/// One span of a cubic Hermite spline through the exact path: sines are evaluated once a knot, not once
-/// a step. With knots at most 0.05 rad of the fastest sine apart the error is below 2e-8 of its amplitude.
+/// One span of a cubic Hermite spline through the exact path: sines are evaluated once a knot, not
+/// once a step. With knots at most 0.05 rad of the fastest sine apart the error is below 2e-8 of
+/// its amplitude.
 #[derive(Clone, Debug)]
 struct Spline {
     knot_s: f64,
@@ -269,8 +270,8 @@ struct PathTip {
     give_m: Vec3,
     /// Position, robot frame, m.
     position_m: Vec3,
-    /// Velocity along the path, m/s, without that of giving way: fed back into the cables' damping within
-    /// one step it would make an algebraic loop.
+    /// Velocity along the path, m/s, without that of giving way: fed back into the cables' damping
+    /// within one step it would make an algebraic loop.
     velocity_m_per_s: Vec3,
 }
 

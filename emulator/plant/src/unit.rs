@@ -11,12 +11,13 @@ use serde::Serialize;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
-/// Shortest cable that the stiffness is computed for, m: a reel that runs away must not make it infinite.
+/// Shortest cable that the stiffness is computed for, m: a reel that runs away must not make it
+/// infinite.
 const SHORTEST_CABLE_M: f64 = 0.1;
 /// Pull at which the presliding distance of the configuration holds, N.
 const PRESLIDING_PULL_N: f64 = 6.0;
-/// Contact between gear and reel when there is play: stiffness, N/m, and damping, N.s/m (0.3 of critical with
-/// the smallest reel mass, 0.02 kg).
+/// Contact between gear and reel when there is play: stiffness, N/m, and damping, N.s/m (0.3 of
+/// critical with the smallest reel mass, 0.02 kg).
 const MESH_STIFFNESS_N_PER_M: f64 = 1.0e5;
 const MESH_DAMPING_N_S_PER_M: f64 = 27.0;
 pub(crate) const SMALLEST_REEL_MASS_KG: f64 = 0.02;
@@ -46,7 +47,8 @@ pub struct UnitParameters {
     pub bridge_per_n: f64,
     /// Bridge output of the unloaded cell without the motor assembly, V/V.
     pub bridge_zero_v_per_v: f64,
-    /// Weight of the motor assembly along the axis, N: part of the zero that the mounted cell shows.
+    /// Weight of the motor assembly along the axis, N: part of the zero that the mounted cell
+    /// shows.
     pub assembly_weight_n: f64,
     /// Encoder position at the start, counts, 0 to 1: where between two edges the disc stands.
     pub encoder_phase_counts: f64,
@@ -87,8 +89,8 @@ impl UnitParameters {
     }
 }
 
-/// Figures of the configuration that every step of every unit uses. Reciprocals stand here because divisions are most of the
-/// time of a step.
+/// Figures of the configuration that every step of every unit uses. Reciprocals stand here because
+/// divisions are most of the time of a step.
 #[derive(Clone, Debug)]
 pub(crate) struct Shared {
     pub h_s: f64,
@@ -172,7 +174,8 @@ struct LooseReel {
 }
 
 impl LooseReel {
-    /// Pull that the gear passes to the reel through the play, N: none inside the gap, never sticking.
+    /// Pull that the gear passes to the reel through the play, N: none inside the gap, never
+    /// sticking.
     fn mesh_n(&self, drive_m: f64, drive_m_per_s: f64) -> f64 {
         let lead = drive_m - self.wound_m;
         let damping = MESH_DAMPING_N_S_PER_M * (drive_m_per_s - self.speed_m_per_s);
@@ -187,7 +190,8 @@ impl LooseReel {
     }
 }
 
-/// Speed of a reel that a hand moves in this step, m/s; it stands still at the end. `left_m`: cable that is still to be pulled out.
+/// Speed of a reel that a hand moves in this step, m/s; it stands still at the end. `left_m`: cable
+/// that is still to be pulled out.
 fn moved_by_hand(left_m: &mut f64, h_s: f64) -> f64 {
     let step_m = left_m.clamp(-HAND_M_PER_S * h_s, HAND_M_PER_S * h_s);
     *left_m -= step_m;
@@ -304,7 +308,8 @@ impl Unit {
         let h = c.h_s;
         let m = &self.modifiers;
 
-        // Amplifier. Without power the bridge is open and the current decays with the bandwidth of the current loop.
+        // Amplifier. Without power the bridge is open and the current decays with the bandwidth of
+        // the current loop.
         let volts = if self.delay_line_v.is_empty() {
             input_v
         } else {
@@ -380,8 +385,8 @@ impl Unit {
         }
     }
 
-    /// Takes up the tip's new place and computes the tension there. The flexure's travel (0.1 mm) counts in
-    /// the cable's length, not in its direction.
+    /// Takes up the tip's new place and computes the tension there. The flexure's travel (0.1 mm)
+    /// counts in the cable's length, not in its direction.
     #[inline]
     pub fn follow_tip(&mut self, c: &Shared, tip_m: Vec3, tip_m_per_s: Vec3) {
         let to_exit = sub(self.parameters.position_m, tip_m);
@@ -459,8 +464,8 @@ impl Unit {
         (c.counts_per_m * self.wound_m + self.parameters.encoder_phase_counts).floor() as i64
     }
 
-    /// Everything that the cell carries, N: cable along the axis, weight and inertia of the assembly, what hangs on it, and a hand
-    /// that pulls cable out. The last two without a swing.
+    /// Everything that the cell carries, N: cable along the axis, weight and inertia of the
+    /// assembly, what hangs on it, and a hand that pulls cable out. The last two without a swing.
     pub fn cell_load_n(&self, c: &Shared) -> f64 {
         let hand_n = if self.by_hand_m > 0.0 { HAND_N } else { 0.0 };
         c.cell_stiffness_n_per_m * self.flexure_m + self.external_n + hand_n
@@ -488,8 +493,8 @@ impl Unit {
             + self.parameters.bridge_per_n * self.modifiers.reading_n(time_s, load, crosstalk)
     }
 
-    /// Kinetic energy and energy in cable, flexure and contact, J. The flexure counts from its place under the
-    /// assembly's weight, so that a unit at rest without tension has none.
+    /// Kinetic energy and energy in cable, flexure and contact, J. The flexure counts from its
+    /// place under the assembly's weight, so that a unit at rest without tension has none.
     pub fn energy_j(&self, c: &Shared) -> f64 {
         let kinetic = 0.5 * self.mass_kg * self.speed_m_per_s.powi(2)
             + 0.5 * c.cell_mass_kg * self.flexure_m_per_s.powi(2);

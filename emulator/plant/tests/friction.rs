@@ -4,7 +4,8 @@ mod common;
 use common::{gauge, least_squares, volts_for_pull};
 use plant::Plant;
 
-/// Pulls a moving cable at constant commands and fits the law of the measured rig to what the gauge shows.
+/// Pulls a moving cable at constant commands and fits the law of the measured rig to what the gauge
+/// shows.
 #[test]
 fn slow_sweep_reproduces_the_drawn_friction_law() {
     for seed in [1, 2, 3] {
@@ -22,7 +23,8 @@ fn slow_sweep_reproduces_the_drawn_friction_law() {
             for ms in 500..12_000_u64 {
                 plant.advance_to(ms * 1_000_000);
                 let speed = plant.reel_rad_per_s(0) * plant.config().drive.reel_radius_m;
-                // Steady sliding only: standstill and the ringing after each turn are other regimes.
+                // Steady sliding only: standstill and the ringing after each turn are other
+                // regimes.
                 if ms > 2_000 && (speed.abs() - 0.008).abs() < 0.0004 {
                     let sign = speed.signum();
                     rows.push([1.0, pull, sign, sign * pull]);
@@ -116,8 +118,8 @@ fn the_reel_holds_any_force_inside_the_band_without_creeping() {
     assert!(plant.tension_n(0) < tension - 1.0);
 }
 
-/// Breakaway lies above kinetic friction: when the tip starts to pull out cable, tension overshoots the
-/// sliding level.
+/// Breakaway lies above kinetic friction: when the tip starts to pull out cable, tension overshoots
+/// the sliding level.
 #[test]
 fn breakaway_exceeds_kinetic_friction() {
     let mut config = gauge(0.01, 0.0001);

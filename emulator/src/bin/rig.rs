@@ -1,6 +1,8 @@
-//! `rig`: the embedded rig behind a pipe, for host programs that drive it in lock-step (crate `emulator-link`).
+//! `rig`: the embedded rig behind a pipe, for host programs that drive it in lock-step (crate
+//! `emulator-link`).
 //!
-//! Requests come on standard input, responses go to standard output, messages for people to standard error.
+//! Requests come on standard input, responses go to standard output, messages for people to
+//! standard error.
 
 use emulator::{allowed, Options, Rig, RigError};
 use emulator_link::{receive, send, Advanced, Report, Request, Response, LINK_VERSION};
@@ -112,7 +114,8 @@ struct RealTimeLimit {
 }
 
 impl RealTimeLimit {
-    /// A run that was delayed (a busy machine) goes on at real time: it does not catch up faster than its clients can follow.
+    /// A run that was delayed (a busy machine) goes on at real time: it does not catch up faster
+    /// than its clients can follow.
     const MAX_DELAY: Duration = Duration::from_millis(20);
 
     fn wait(&mut self, now_ns: u64) {

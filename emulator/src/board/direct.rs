@@ -1,6 +1,8 @@
-//! Operations on the chips as a whole, for a driver that has no pins: the firmware's machine on the host (`core-sim`).
+//! Operations on the chips as a whole, for a driver that has no pins: the firmware's machine on the
+//! host (`core-sim`).
 //!
-//! The analogue side is the same as with pins; what is left out is the bit level of SPI and the counters' bus.
+//! The analogue side is the same as with pins; what is left out is the bit level of SPI and the
+//! counters' bus.
 
 use super::Board;
 use crate::devices::dac7731::Mode;
@@ -71,8 +73,8 @@ impl Board {
         self.converters[unit].defects()
     }
 
-    /// The amplifier of `unit` (from 0) gives this share of its current: 1 in order, 0 off, negative where the motor's wires are
-    /// exchanged.
+    /// The amplifier of `unit` (from 0) gives this share of its current: 1 in order, 0 off,
+    /// negative where the motor's wires are exchanged.
     ///
     /// # Panics
     /// No such unit.
@@ -81,7 +83,8 @@ impl Board {
         self.move_outputs(self.now_ns);
     }
 
-    /// A defect of the amplifier of `unit` (from 0) beside those that it has: its share of the current is multiplied by this one.
+    /// A defect of the amplifier of `unit` (from 0) beside those that it has: its share of the
+    /// current is multiplied by this one.
     ///
     /// # Panics
     /// No such unit.

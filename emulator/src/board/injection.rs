@@ -17,7 +17,8 @@ impl Board {
     /// Injects a fault, or removes it.
     ///
     /// # Errors
-    /// A unit that does not exist, a figure that is not finite, or an injection that is the engine's.
+    /// A unit that does not exist, a figure that is not finite, or an injection that is the
+    /// engine's.
     pub fn inject(&mut self, injection: Injection) -> Result<(), String> {
         let unit = |number: u8| {
             let index = usize::from(number).wrapping_sub(1);
@@ -286,8 +287,8 @@ impl Board {
     #[must_use]
     pub fn complaints(&self) -> Complaints {
         let mut all = self.complaints.clone();
-        // A frame of ten bits every 5 us at most; a board that sends at another rate shows either by
-        // bytes that come closer, or, over many, by none that come this close.
+        // A frame of ten bits every 5 us at most; a board that sends at another rate shows either
+        // by bytes that come closer, or, over many, by none that come this close.
         let frame_ns = 10_000_000_000 / wiring::BAUD;
         if let Some(closest) = self.line.closest_ns {
             let fast = closest * 100 < frame_ns * 98;

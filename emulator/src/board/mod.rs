@@ -1,12 +1,13 @@
-//! The motor control board around the controller: every chip, the wires between them, and the plant.
+//! The motor control board around the controller: every chip, the wires between them, and the
+//! plant.
 //!
-//! The engine (see [`crate::engine`]) reports what the controller does at its pins and buses, with the
-//! virtual time; the board reports the levels that it drives back and the time of its next event. It depends on
-//! no engine and on no register of the controller.
+//! The engine (see [`crate::engine`]) reports what the controller does at its pins and buses, with
+//! the virtual time; the board reports the levels that it drives back and the time of its next
+//! event. It depends on no engine and on no register of the controller.
 //!
-//! The plant is advanced on demand: a conversion ends, a counter is latched, a DAC changes, a
-//! row of truth is requested. On the way it records its bridges and encoders on a fixed grid, from which the
-//! converters' filters and the counters take what they need.
+//! The plant is advanced on demand: a conversion ends, a counter is latched, a DAC changes, a row
+//! of truth is requested. On the way it records its bridges and encoders on a fixed grid, from
+//! which the converters' filters and the counters take what they need.
 
 mod counter_bus;
 mod direct;
@@ -97,10 +98,11 @@ pub struct Board {
     reversed_encoder: [Option<i64>; UNITS],
     /// Counts by which encoders have jumped.
     encoder_jump: [i64; UNITS],
-    /// Share of the current that is asked for; 1: in order, 0: off, negative: the motor turns the other way.
+    /// Share of the current that is asked for; 1: in order, 0: off, negative: the motor turns the
+    /// other way.
     amplifier_share: [f64; UNITS],
-    /// Unit whose encoder is plugged in at each unit's counter, whose motor at its amplifier, whose load cell at its converter,
-    /// whose DRDY line at its pin.
+    /// Unit whose encoder is plugged in at each unit's counter, whose motor at its amplifier, whose
+    /// load cell at its converter, whose DRDY line at its pin.
     wired: Wired,
     /// Lines of each encoder.
     encoder_lines: [u16; UNITS],
@@ -142,7 +144,8 @@ pub struct Board {
     /// Data bits on the I2C bus until the one that is inverted.
     flip_bus_bit: Option<u32>,
     flip_dac_bit: Option<u8>,
-    /// The engine is to set the bus-error flag in the next transfer, or to lock the serial line's stream.
+    /// The engine is to set the bus-error flag in the next transfer, or to lock the serial line's
+    /// stream.
     bus_error: bool,
     /// The ST-Link's clock stands still.
     clock_lost: bool,
@@ -235,8 +238,8 @@ impl Board {
         self.due_ns
     }
 
-    /// Updates the time of the next event of the converters and the PLC. Call it after each access to one of them.
-    /// The engine reads it at every stop, so it is stored.
+    /// Updates the time of the next event of the converters and the PLC. Call it after each access
+    /// to one of them. The engine reads it at every stop, so it is stored.
     fn reschedule(&mut self) {
         self.due_ns = (self.converters.iter().filter_map(Nau7802::next_event))
             .chain(self.plc.deadline())
@@ -328,8 +331,8 @@ impl Board {
         self.plant.set_robot_moving(moving);
     }
 
-    /// Lets another controller drive the amplifiers, V at their inputs, from now on: the board is a sensor board then. `None`: the
-    /// board's own DACs again. What is not finite counts as 0 V.
+    /// Lets another controller drive the amplifiers, V at their inputs, from now on: the board is a
+    /// sensor board then. `None`: the board's own DACs again. What is not finite counts as 0 V.
     pub fn drive_outside(&mut self, volts: Option<[f64; UNITS]>) {
         self.outside_v = volts.map(|volts| volts.map(|v| if v.is_finite() { v } else { 0.0 }));
         self.move_outputs(self.now_ns);

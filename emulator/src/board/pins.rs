@@ -1,4 +1,5 @@
-//! Pins of the controller: levels, E-stop, alive line, DAC selects and LDAC, and SPI frames to the DACs.
+//! Pins of the controller: levels, E-stop, alive line, DAC selects and LDAC, and SPI frames to the
+//! DACs.
 
 use super::{Board, Drive, Port, RECOVERY_PULSES};
 use crate::devices::dac7731::{Dac7731, Mode};
@@ -38,8 +39,8 @@ impl Board {
         }
     }
 
-    /// The controller's output stages of `port` are now on for the bits of `driven` with the levels of
-    /// `level`. Open-drain outputs that are high count as not driven.
+    /// The controller's output stages of `port` are now on for the bits of `driven` with the levels
+    /// of `level`. Open-drain outputs that are high count as not driven.
     pub fn port_changed(&mut self, t_ns: u64, port: usize, driven: u16, level: u16) {
         let before = self.ports[port].seen(port);
         let drove = self.ports[port].driven;

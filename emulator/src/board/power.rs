@@ -58,7 +58,8 @@ impl Board {
         }
     }
 
-    /// Whether the amplifier of a unit has power, where some are fed past the relay; without any the plant's own switch decides.
+    /// Whether the amplifier of a unit has power, where some are fed past the relay; without any
+    /// the plant's own switch decides.
     pub(super) fn feeds(&self, unit: usize) -> bool {
         let past = &self.power.bypassed;
         !past.contains(&true) || self.powered() || past[unit]

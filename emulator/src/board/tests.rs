@@ -190,7 +190,8 @@ fn the_alive_line_and_ldac_reach_the_plant() {
     assert!(board.complaints().is_empty());
 }
 
-/// A load within a word reaches the motor as a voltage that nobody asked for, and is complained about.
+/// A load within a word reaches the motor as a voltage that nobody asked for, and is complained
+/// about.
 #[test]
 fn a_load_within_a_word_is_a_wrong_torque() {
     let mut board = board();

@@ -1,10 +1,10 @@
 //! DAC7731: 16-bit bipolar DAC (TI SBAS249; serial timing in its figure 1, codes in table 2).
 //!
-//! The shift register takes SDI on the rising SCLK edge while CS is low. Rising CS ends the word; while SCLK is
-//! low at that instant one more bit is shifted. Rising LDAC moves the shift register to the output, whatever
-//! it holds and wherever CS stands: a load within a word gives a voltage of two words. Drivers that never raise CS
-//! rely on it. RST low puts both to mid-scale (RSTSEL high). Straight binary: 0x0000 = -full
-//! scale, 0x8000 = 0 V.
+//! The shift register takes SDI on the rising SCLK edge while CS is low. Rising CS ends the word;
+//! while SCLK is low at that instant one more bit is shifted. Rising LDAC moves the shift register
+//! to the output, whatever it holds and wherever CS stands: a load within a word gives a voltage of
+//! two words. Drivers that never raise CS rely on it. RST low puts both to mid-scale (RSTSEL high).
+//! Straight binary: 0x0000 = -full scale, 0x8000 = 0 V.
 
 /// SPI clock polarity and phase as the controller is set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,8 +16,8 @@ pub struct Mode {
 }
 
 impl Mode {
-    /// Whether the controller holds its data steady around the rising clock edge, which is where this chip
-    /// samples: modes 0 and 3.
+    /// Whether the controller holds its data steady around the rising clock edge, which is where
+    /// this chip samples: modes 0 and 3.
     #[must_use]
     pub const fn steady_on_rising(self) -> bool {
         self.cpol == self.cpha
@@ -74,8 +74,8 @@ impl Dac7731 {
         }
         for n in (0..bits).rev() {
             let bit = (word >> n) & 1 == 1;
-            // In modes 1 and 2 the controller changes its data at the very edge this chip samples on; the
-            // chip then sees what was there before the edge.
+            // In modes 1 and 2 the controller changes its data at the very edge this chip samples
+            // on; the chip then sees what was there before the edge.
             let seen = if mode.steady_on_rising() {
                 bit
             } else {

@@ -1,8 +1,10 @@
-//! LS7266R1: dual 24-bit quadrature counter (LSI/CSI datasheet; registers in its "Register description").
+//! LS7266R1: dual 24-bit quadrature counter (LSI/CSI datasheet; registers in its "Register
+//! description").
 //!
-//! A control write picks its register by bits 6:5 and reaches both axes with bit 7 set. CNTR is loaded only
-//! through PR and read only through OL, a byte at a time by the byte pointer. Counting needs IOR bit 0 (A
-//! and B enabled) and, for quadrature, a mode in CMR: both are off after power-on.
+//! A control write picks its register by bits 6:5 and reaches both axes with bit 7 set. CNTR is
+//! loaded only through PR and read only through OL, a byte at a time by the byte pointer. Counting
+//! needs IOR bit 0 (A and B enabled) and, for quadrature, a mode in CMR: both are off after
+//! power-on.
 
 use super::Complaints;
 
@@ -72,8 +74,9 @@ impl Axis {
         if before == edges || self.io & 1 == 0 {
             return;
         }
-        // Edges counted per line: all four at x4, every second at x2, one otherwise. Without quadrature A
-        // is the clock and B the direction, which for a quadrature encoder is one count per line too.
+        // Edges counted per line: all four at x4, every second at x2, one otherwise. Without
+        // quadrature A is the clock and B the direction, which for a quadrature encoder is one
+        // count per line too.
         let shift = match self.mode >> 3 & 3 {
             3 => 0,
             2 => 1,

@@ -1,8 +1,8 @@
 //! The chips around the controller, written from their datasheets' facts and from nothing in the
 //! firmware: the model then does not share a driver's misreading.
 //!
-//! Models know no engine and no wiring. They get virtual time in nanoseconds with every call and hand back
-//! levels and bytes; [`crate::board`] connects them.
+//! Models know no engine and no wiring. They get virtual time in nanoseconds with every call and
+//! hand back levels and bytes; [`crate::board`] connects them.
 
 pub mod dac7731;
 pub mod ls7266r1;

@@ -1,12 +1,13 @@
-//! The robot's PLC as far as the board sees it: it gives the amplifiers their power only while the board's
-//! alive line toggles and the E-stop loop is closed.
+//! The robot's PLC as far as the board sees it: it gives the amplifiers their power only while the
+//! board's alive line toggles and the E-stop loop is closed.
 //!
-//! The thesis's cell has the PLC watch a toggling line, so that a controller that hangs with the line at
-//! either level loses its motors. The limits here are the PLC's of this rig, stated once.
+//! The thesis's cell has the PLC watch a toggling line, so that a controller that hangs with the
+//! line at either level loses its motors. The limits here are the PLC's of this rig, stated once.
 
 /// Power goes off this long after the last edge, in nanoseconds.
 pub const TIMEOUT_NS: u64 = 10_000_000;
-/// Gaps between edges that count as toggling, in nanoseconds: 0.2 to 5 ms (the board toggles every 1 ms).
+/// Gaps between edges that count as toggling, in nanoseconds: 0.2 to 5 ms (the board toggles every
+/// 1 ms).
 pub const GAP_NS: std::ops::RangeInclusive<u64> = 200_000..=5_000_000;
 /// Good edges in a row before power goes on.
 pub const EDGES_TO_START: u32 = 10;

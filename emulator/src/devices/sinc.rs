@@ -1,13 +1,15 @@
-//! The converters' decimation filter: a sinc4, whose impulse response at a fine grid is the cubic B-spline.
+//! The converters' decimation filter: a sinc4, whose impulse response at a fine grid is the cubic
+//! B-spline.
 //!
-//! A sinc4 decimator is four boxcars, each one conversion period T long. Convolved they are the cubic
-//! B-spline with support 4 T (de Boor's recursion), symmetric about 2 T: the group delay is exactly two
-//! conversion periods, 6.25 ms at 320 SPS, and -3 dB falls at 0.227 / T, the figure in the NAU7802's
-//! datasheet. All six converters take their weights from one history of the bridges, so that the plant is
-//! stepped on one grid whatever the converters' clocks do.
+//! A sinc4 decimator is four boxcars, each one conversion period T long. Convolved they are the
+//! cubic B-spline with support 4 T (de Boor's recursion), symmetric about 2 T: the group delay is
+//! exactly two conversion periods, 6.25 ms at 320 SPS, and -3 dB falls at 0.227 / T, the figure in
+//! the NAU7802's datasheet. All six converters take their weights from one history of the bridges,
+//! so that the plant is stepped on one grid whatever the converters' clocks do.
 
-/// Spacing of the history's grid in nanoseconds. Below a fifteenth of the shortest conversion period, so
-/// that the sum below is the integral to better than 1e-3 of full scale for anything a cable can do.
+/// Spacing of the history's grid in nanoseconds. Below a fifteenth of the shortest conversion
+/// period, so that the sum below is the integral to better than 1e-3 of full scale for anything a
+/// cable can do.
 pub const GRID_NS: u64 = 200_000;
 
 /// Cubic B-spline with support [0, 4] and unit area.
@@ -24,7 +26,8 @@ pub fn bspline(x: f64) -> f64 {
     }
 }
 
-/// What the six bridges did, sampled every [`GRID_NS`], for as long as the slowest filter reaches back.
+/// What the six bridges did, sampled every [`GRID_NS`], for as long as the slowest filter reaches
+/// back.
 #[derive(Debug, Clone)]
 pub struct History<const N: usize> {
     rows: Vec<[f64; N]>,
@@ -56,8 +59,8 @@ impl<const N: usize> History<N> {
         self.pushed += 1;
     }
 
-    /// Output of the sinc4 of channel `column` with period `period_ns` for a conversion that ends at
-    /// `end_ns`. Before the first row the input counts as the first row.
+    /// Output of the sinc4 of channel `column` with period `period_ns` for a conversion that ends
+    /// at `end_ns`. Before the first row the input counts as the first row.
     #[must_use]
     pub fn sinc4(&self, column: usize, end_ns: u64, period_ns: f64) -> f64 {
         if self.pushed == 0 {

@@ -1,9 +1,9 @@
 //! TCA9548A: eight-channel I2C multiplexer (TI SCPS207; control register in section 9.6.2).
 //!
 //! One control byte, bit n = channel n. A new mask takes effect only at the STOP that ends the
-//! transaction; of several bytes written the last counts. 0x00 after power-on and after RESET, which also
-//! puts the bus state machine back and is how a master frees a segment that hangs. A read after a repeated
-//! START gives the byte that is stored, before it is in force.
+//! transaction; of several bytes written the last counts. 0x00 after power-on and after RESET,
+//! which also puts the bus state machine back and is how a master frees a segment that hangs. A
+//! read after a repeated START gives the byte that is stored, before it is in force.
 
 /// The multiplexer of one segment.
 #[derive(Debug, Clone)]

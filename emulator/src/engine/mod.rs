@@ -1,8 +1,9 @@
-//! Interface to the CPU engine: what the rig requires of the part that executes the firmware's instructions.
+//! Interface to the CPU engine: what the rig requires of the part that executes the firmware's
+//! instructions.
 //!
 //! An engine runs the unmodified image, owns the controller's own peripherals, and calls the
-//! [`crate::board::Board`] it was given for everything outside the package. Only [`rigless`] exists today;
-//! nothing outside that module names it, so another engine is one more module.
+//! [`crate::board::Board`] it was given for everything outside the package. Only [`rigless`] exists
+//! today; nothing outside that module names it, so another engine is one more module.
 
 pub mod rigless;
 
@@ -39,8 +40,8 @@ pub trait Memory {
     fn write(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError>;
 }
 
-/// What a run does at each of its rows, with the row's time in nanoseconds. It is called where the engine
-/// runs, so that a row costs no change of threads.
+/// What a run does at each of its rows, with the row's time in nanoseconds. It is called where the
+/// engine runs, so that a row costs no change of threads.
 pub type AtRow = Box<dyn FnMut(u64, &mut dyn Memory) + Send>;
 
 /// Code that takes the place of an exception's handler until the next reset.
@@ -70,8 +71,8 @@ pub trait Engine: Send {
     /// Name of the machine and of the engine.
     fn name(&self) -> String;
 
-    /// Runs from virtual time `from_ns` until `t_ns` and calls `at_row` at each whole multiple of `row_ns`
-    /// on the way and at the end.
+    /// Runs from virtual time `from_ns` until `t_ns` and calls `at_row` at each whole multiple of
+    /// `row_ns` on the way and at the end.
     ///
     /// # Errors
     /// The engine cannot go on.
@@ -89,7 +90,8 @@ pub trait Engine: Send {
     /// The image has no symbol of that function.
     fn hang(&mut self) -> Result<(), EngineError>;
 
-    /// Lets the next SysTick, or the exception that it names, run into `trap`; a reset restores the image.
+    /// Lets the next SysTick, or the exception that it names, run into `trap`; a reset restores the
+    /// image.
     ///
     /// # Errors
     /// The image cannot be changed.

@@ -1,7 +1,8 @@
 //! A stand for scenarios: the real firmware image in the embedded rig, and a session with it.
 //!
-//! The scenarios start the same `rig` program that `cargo forcectl` starts and talk to it as `forcectl` does. What
-//! they assert is the plant's truth and what the board reports, in virtual time.
+//! The scenarios start the same `rig` program that `cargo forcectl` starts and talk to it as
+//! `forcectl` does. What they assert is the plant's truth and what the board reports, in virtual
+//! time.
 //!
 //! `cargo xtask test` builds image and rig and sets `FORCE_FIRMWARE_ELF` and `FORCE_RIG_BIN`.
 
@@ -16,7 +17,8 @@ use std::time::Duration;
 use wire::message::{Status, UnitSetpoint};
 use wire::{Command, UNITS};
 
-/// Voltage at a DAC output that counts as 0 V: the DAC7731's offset error and half a code are far below it.
+/// Voltage at a DAC output that counts as 0 V: the DAC7731's offset error and half a code are far
+/// below it.
 pub const ZERO_V: f64 = 0.002;
 
 /// One millisecond.
@@ -92,7 +94,8 @@ impl<'l> Stand<'l> {
         Self::armed_for(link, tension_n, 1.0)
     }
 
-    /// Ready, zeroed, armed, every cable at `tension_n` for so many seconds; 0.4 are enough to come there.
+    /// Ready, zeroed, armed, every cable at `tension_n` for so many seconds; 0.4 are enough to come
+    /// there.
     pub fn armed_for(link: &'l mut dyn RigLink, tension_n: f64, seconds: f64) -> Self {
         let mut stand = Self::ready(link);
         stand.ask(&Command::Zero { units: 0b11_1111 });

@@ -38,7 +38,8 @@ pub(super) fn frames(
         .collect()
 }
 
-/// Forces of a sequence, N, in batches on the device of the configuration, or on the processor where there is no such device.
+/// Forces of a sequence, N, in batches on the device of the configuration, or on the processor
+/// where there is no such device.
 pub(super) fn predict(network: &Network, sequence: &Sequence) -> Vec<f32> {
     let rows = Rows::new(std::slice::from_ref(sequence), &network.scaling);
     predict_rows(network, &rows, &rows.ends(1))

@@ -1,8 +1,8 @@
 //! A small causal convolution: layers that each join a few neighbours in time, then a dense layer.
 //!
-//! Each layer joins `k` neighbouring results of the layer below, so `n` layers see `k` to the power `n` rows. That is a
-//! causal convolution of kernel `k` and dilation 1, k, k^2, ..., computed for the newest row alone: of the dilated form only
-//! these results enter the last row.
+//! Each layer joins `k` neighbouring results of the layer below, so `n` layers see `k` to the power
+//! `n` rows. That is a causal convolution of kernel `k` and dilation 1, k, k^2, ..., computed for
+//! the newest row alone: of the dilated form only these results enter the last row.
 
 use burn::tensor::{activation::relu, Tensor};
 use rand::Rng;
@@ -53,7 +53,8 @@ impl Convolution {
         }
     }
 
-    /// The layer on a batch of windows, row after row: `[batch, rows * inputs]` to `[batch, rows / kernel * channels]`.
+    /// The layer on a batch of windows, row after row: `[batch, rows * inputs]` to
+    /// `[batch, rows / kernel * channels]`.
     pub(super) fn forward(&self, weights: &[Tensor<2>], input: Tensor<2>) -> Tensor<2> {
         let [batch, width] = input.dims();
         let groups = width / self.weight.rows;

@@ -1,4 +1,5 @@
-//! Training data as networks read it: normalised rows, the windows that end at them, the streams through them.
+//! Training data as networks read it: normalised rows, the windows that end at them, the streams
+//! through them.
 //!
 //! Neither windows nor streams cross the end of a sequence.
 
@@ -187,7 +188,8 @@ impl Rows {
         ends
     }
 
-    /// Inputs of these rows, one after the other. A row before the first of its sequence is the first.
+    /// Inputs of these rows, one after the other. A row before the first of its sequence is the
+    /// first.
     pub(super) fn inputs_before(&self, ends: &[At], back: usize, into: &mut Vec<f32>) {
         for &(sequence, row) in ends {
             let row = (row as usize).saturating_sub(back);
@@ -218,8 +220,9 @@ impl Rows {
 
     /// Streams through all rows: pieces of `length` rows, in time's order within a stream.
     ///
-    /// The pieces begin at a random row of each sequence, new at each call, so that they don't always end at the same rows.
-    /// Fewer streams than asked for where there are fewer pieces. All streams have as many pieces; rows left over are not used.
+    /// The pieces begin at a random row of each sequence, new at each call, so that they don't
+    /// always end at the same rows. Fewer streams than asked for where there are fewer pieces. All
+    /// streams have as many pieces; rows left over are not used.
     pub(super) fn streams(
         &self,
         streams: usize,

@@ -1,15 +1,18 @@
-//! The gated recurrent unit: layers of units whose state is kept or replaced row by row, then a dense layer.
+//! The gated recurrent unit: layers of units whose state is kept or replaced row by row, then a
+//! dense layer.
 //!
-//! The form of Keras (`reset_after`), of cuDNN and of ONNX (`linear_before_reset`), with `z` update, `r` reset, `n` candidate:
+//! The form of Keras (`reset_after`), of cuDNN and of ONNX (`linear_before_reset`), with `z`
+//! update, `r` reset, `n` candidate:
 //!
 //! ```text
 //! z = sigmoid(x Wz + h Uz + bz + cz)     r = sigmoid(x Wr + h Ur + br + cr)
 //! n = tanh(x Wn + bn + r * (h Un + cn))  h' = z * h + (1 - z) * n
 //! ```
 //!
-//! The thesis (4.2) has two layers of 100 units and a dense layer of 100, over windows of 50 rows, and 182,531 parameters
-//! (table 4.1). All numbers of such a network but the output's are multiples of 100, so the count ends in the number of
-//! outputs: 31. With 1 or 3 outputs no input width gives that count, with or without `reset_after` or batch normalisation.
+//! The thesis (4.2) has two layers of 100 units and a dense layer of 100, over windows of 50 rows,
+//! and 182,531 parameters (table 4.1). All numbers of such a network but the output's are multiples
+//! of 100, so the count ends in the number of outputs: 31. With 1 or 3 outputs no input width gives
+//! that count, with or without `reset_after` or batch normalisation.
 
 use burn::tensor::{
     activation::{sigmoid, tanh},
@@ -82,7 +85,8 @@ impl Gru {
         states
     }
 
-    /// The parts of the matrices gate by gate, as training holds them: a slice of a product costs a copy on the way back.
+    /// The parts of the matrices gate by gate, as training holds them: a slice of a product costs a
+    /// copy on the way back.
     pub(super) fn parts(&self) -> Vec<Matrix> {
         [
             &self.input,

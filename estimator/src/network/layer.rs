@@ -1,4 +1,5 @@
-//! What all layers of the networks have in common: their matrices by name, their widths, and the batch form in training.
+//! What all layers of the networks have in common: their matrices by name, their widths, and the
+//! batch form in training.
 
 use burn::tensor::Tensor;
 use rand::Rng;
@@ -29,7 +30,8 @@ pub enum Layer {
     Convolution(Convolution),
 }
 
-/// Layers with their initial weights: those of the kind, a dense one where they are not dense, the output.
+/// Layers with their initial weights: those of the kind, a dense one where they are not dense, the
+/// output.
 ///
 /// # Errors
 ///
@@ -116,7 +118,8 @@ impl Layer {
         }
     }
 
-    /// Number of values, counted as Keras counts them: with the running statistics of a normalisation.
+    /// Number of values, counted as Keras counts them: with the running statistics of a
+    /// normalisation.
     #[must_use]
     pub fn parameters(&self) -> usize {
         self.matrices()
@@ -182,8 +185,9 @@ pub(super) fn folded(layers: &[Layer]) -> Vec<Layer> {
     folded
 }
 
-/// Sets a share of the values to zero in training and scales the rest up, with random numbers of its own: the backend's
-/// generator is one for the whole process, so two trainings at a time would disturb each other.
+/// Sets a share of the values to zero in training and scales the rest up, with random numbers of
+/// its own: the backend's generator is one for the whole process, so two trainings at a time would
+/// disturb each other.
 pub(super) struct Dropout {
     /// The share, below 1. Zero outside of training.
     pub share: f64,
@@ -222,7 +226,8 @@ impl Dropout {
 pub(super) struct Run<'a> {
     /// Zeros in training.
     pub dropout: &'a mut Dropout,
-    /// State of each recurrent layer before the first frame, `[batch, units]`; after the run that after the last one.
+    /// State of each recurrent layer before the first frame, `[batch, units]`; after the run that
+    /// after the last one.
     pub states: &'a mut [Tensor<2>],
     /// Whether every frame has an output, or the last one alone.
     pub all: bool,
@@ -230,8 +235,9 @@ pub(super) struct Run<'a> {
 
 /// The layers on a batch in training.
 ///
-/// `frames`: a tensor `[batch, inputs]` for each row in time, for a convolution one tensor `[batch, rows * inputs]`.
-/// Returns `[batch, targets]`, with [`Run::all`] `[rows * batch, targets]`, the first row's batch first.
+/// `frames`: a tensor `[batch, inputs]` for each row in time, for a convolution one tensor
+/// `[batch, rows * inputs]`. Returns `[batch, targets]`, with [`Run::all`]
+/// `[rows * batch, targets]`, the first row's batch first.
 pub(super) fn forward(
     layers: &[Layer],
     weights: &[Vec<Tensor<2>>],
@@ -269,7 +275,8 @@ pub(super) fn forward(
             Layer::Convolution(layer) => layer.forward(weights, input),
             _ => BatchNorm::train(weights, input),
         };
-        // After a recurrent layer the thesis has none; a normalised layer has it after the normalisation.
+        // After a recurrent layer the thesis has none; a normalised layer has it after the
+        // normalisation.
         let normalised_next = matches!(layers.get(at + 1), Some(Layer::BatchNorm(_)));
         let drop = at < last && recurrent == 0 && !normalised_next;
         frames = vec![if drop {

@@ -7,9 +7,10 @@
 //! cell' = f * cell + i * c           h' = o * tanh(cell')
 //! ```
 //!
-//! The thesis (4.2) has two layers of 100 units and a dense layer of 100, over windows of 50 rows, and 236,803 parameters
-//! (table 4.1). With 3 outputs that is the count for 264 inputs, and no other structure found is as near to its text; the
-//! perceptron's count fits 30 inputs. So the three counts of the table are not of one set of inputs.
+//! The thesis (4.2) has two layers of 100 units and a dense layer of 100, over windows of 50 rows,
+//! and 236,803 parameters (table 4.1). With 3 outputs that is the count for 264 inputs, and no
+//! other structure found is as near to its text; the perceptron's count fits 30 inputs. So the
+//! three counts of the table are not of one set of inputs.
 
 use burn::tensor::{
     activation::{sigmoid, tanh},
@@ -92,7 +93,8 @@ impl Lstm {
         }
     }
 
-    /// The layer on one row: changes the state, which is followed by the cell. `scratch` holds four times the units or more.
+    /// The layer on one row: changes the state, which is followed by the cell. `scratch` holds four
+    /// times the units or more.
     pub(super) fn step(&self, input: &[f32], memory: &mut [f32], scratch: &mut [f32]) {
         let units = self.units();
         let (state, cell) = memory.split_at_mut(units);

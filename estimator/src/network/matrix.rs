@@ -25,7 +25,8 @@ impl Matrix {
         }
     }
 
-    /// Uniform values within +-sqrt(6 / (rows + columns)) (Glorot and Bengio, 2010): the initial weights of Keras.
+    /// Uniform values within +-sqrt(6 / (rows + columns)) (Glorot and Bengio, 2010): the initial
+    /// weights of Keras.
     #[must_use]
     pub fn glorot(rows: usize, columns: usize, random: &mut impl Rng) -> Self {
         let limit = (6.0 / (rows + columns) as f64).sqrt();
@@ -39,7 +40,8 @@ impl Matrix {
         }
     }
 
-    /// A random orthogonal square matrix: the initial recurrent weights of a gate, which keep the length of the state.
+    /// A random orthogonal square matrix: the initial recurrent weights of a gate, which keep the
+    /// length of the state.
     #[must_use]
     pub fn orthogonal(size: usize, random: &mut impl Rng) -> Self {
         let mut done: Vec<Vec<f64>> = Vec::with_capacity(size);
@@ -195,7 +197,8 @@ mod tests {
 
     use super::*;
 
-    /// Every count of rows, also those that four does not divide, gives the sum that the definition gives.
+    /// Every count of rows, also those that four does not divide, gives the sum that the definition
+    /// gives.
     #[test]
     fn a_product_is_the_sum_of_its_rows() {
         let mut random = ChaCha8Rng::seed_from_u64(1);

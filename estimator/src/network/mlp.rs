@@ -1,8 +1,9 @@
 //! The multi-layer perceptron: the current row alone, through dense layers with ReLU.
 //!
-//! The thesis (4.2) has hidden layers of 1200, 1000, 800, 600 and 400 units with 20 % dropout and 2,777,203 parameters
-//! (table 4.1). That is the count of Keras for 30 inputs, 3 outputs and a batch normalisation after each hidden layer,
-//! whose 4 numbers a unit (two trained, two running statistics) are 16,000. Without it no width fits. So this model has it.
+//! The thesis (4.2) has hidden layers of 1200, 1000, 800, 600 and 400 units with 20 % dropout and
+//! 2,777,203 parameters (table 4.1). That is the count of Keras for 30 inputs, 3 outputs and a
+//! batch normalisation after each hidden layer, whose 4 numbers a unit (two trained, two running
+//! statistics) are 16,000. Without it no width fits. So this model has it.
 
 use burn::tensor::{activation::relu, module::batch_norm_train, Tensor};
 use rand::Rng;
@@ -84,7 +85,8 @@ impl BatchNorm {
         relu(batch_norm_train(input, row(&weights[0]), row(&weights[1]), EPSILON).output)
     }
 
-    /// The dense layer before it with this normalisation inside: the same outputs with one layer less.
+    /// The dense layer before it with this normalisation inside: the same outputs with one layer
+    /// less.
     pub(super) fn fold(&self, dense: &Dense) -> Dense {
         let scale: Vec<f32> = (self.gamma.values.iter().zip(&self.variance.values))
             .map(|(gamma, variance)| {

@@ -1,4 +1,5 @@
-//! Neural networks of the contact force, trained with burn, run with burn in batches and in plain Rust row by row.
+//! Neural networks of the contact force, trained with burn, run with burn in batches and in plain
+//! Rust row by row.
 //!
 //! | file | what |
 //! | --- | --- |
@@ -10,7 +11,8 @@
 //! | `runner` | the forward pass in plain Rust |
 //! | `store`, `onnx` | the model file and the ONNX export |
 //!
-//! A network normalises its inputs and targets itself, by the mean and deviation of the training rows, which are part of it.
+//! A network normalises its inputs and targets itself, by the mean and deviation of the training
+//! rows, which are part of it.
 
 mod batch;
 pub mod convolution;
@@ -54,7 +56,8 @@ pub enum Kind {
     Lstm,
     /// Causal convolution over a window.
     Convolution,
-    /// Gated recurrent units whose state goes on from row to row: one step a row, memory without an end.
+    /// Gated recurrent units whose state goes on from row to row: one step a row, memory without an
+    /// end.
     CarriedGru,
 }
 
@@ -72,9 +75,11 @@ pub enum Loss {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Backend {
-    /// This machine's processor: burn's Flex, all cores, or as many as the variable `RAYON_NUM_THREADS` says.
+    /// This machine's processor: burn's Flex, all cores, or as many as the variable
+    /// `RAYON_NUM_THREADS` says.
     Cpu,
-    /// An NVIDIA GPU, the first one. Needs the feature `cuda` of this crate, and CUDA 12 or newer at run time.
+    /// An NVIDIA GPU, the first one. Needs the feature `cuda` of this crate, and CUDA 12 or newer
+    /// at run time.
     Cuda,
 }
 
@@ -83,11 +88,13 @@ pub enum Backend {
 pub struct Config {
     /// Which network.
     pub kind: Kind,
-    /// Widths of the hidden layers, from the input on. The last one is dense, those before it are of the kind.
+    /// Widths of the hidden layers, from the input on. The last one is dense, those before it are
+    /// of the kind.
     pub layers: Vec<usize>,
     /// Whether a batch normalisation follows each hidden layer. [`Kind::Mlp`] only.
     pub batch_norm: bool,
-    /// Share of the outputs of hidden layers set to zero in training, 0 to below 1. In recurrent networks: of recurrent layers.
+    /// Share of the outputs of hidden layers set to zero in training, 0 to below 1. In recurrent
+    /// networks: of recurrent layers.
     pub dropout: f64,
     /// Rows, windows or streams of one update.
     pub batch: usize,
@@ -97,11 +104,13 @@ pub struct Config {
     pub final_rate: f64,
     /// Number of passes through the training rows.
     pub epochs: usize,
-    /// Rows that the network reads; [`Kind::CarriedGru`]: rows through which an error is traced back.
+    /// Rows that the network reads; [`Kind::CarriedGru`]: rows through which an error is traced
+    /// back.
     pub window: usize,
     /// What is made small.
     pub loss: Loss,
-    /// Whether the weights of the epoch with the smallest validation error are kept, rather than the last ones.
+    /// Whether the weights of the epoch with the smallest validation error are kept, rather than
+    /// the last ones.
     pub keep_best: bool,
     /// Time after which no update begins, s. A run that reaches it isn't repeatable to the byte.
     pub limit_s: Option<f64>,
@@ -125,8 +134,9 @@ pub(crate) enum Reads {
 impl Config {
     /// The networks of the thesis (4.2), and its training: Adam, 50 epochs, squared errors.
     ///
-    /// The thesis doesn't name the loss nor the activations; squared errors and ReLU are the usual ones. For
-    /// [`Kind::Convolution`] and [`Kind::CarriedGru`], which it has not, the settings of [`Self::small`].
+    /// The thesis doesn't name the loss nor the activations; squared errors and ReLU are the usual
+    /// ones. For [`Kind::Convolution`] and [`Kind::CarriedGru`], which it has not, the settings of
+    /// [`Self::small`].
     #[must_use]
     pub fn thesis(kind: Kind) -> Self {
         let recurrent = Self {
@@ -291,7 +301,8 @@ pub struct Epoch {
     pub loss: f64,
     /// Mean absolute error on the validation rows that were tried, N. Missing where there are none.
     pub validation_mae_n: Option<f64>,
-    /// Share of its updates that were made, where the time limit ended the training in it or after it. Files of before have none.
+    /// Share of its updates that were made, where the time limit ended the training in it or after
+    /// it. Files of before have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub part: Option<f64>,
 }
@@ -328,7 +339,8 @@ impl Network {
         let wanted = self.config.epochs;
         let few = self.epochs.len() < wanted;
         let part = self.epochs.last().and_then(|e| e.part);
-        // A file of before does not tell how far the last one went: only those before it were whole for certain.
+        // A file of before does not tell how far the last one went: only those before it were whole
+        // for certain.
         let last = part.unwrap_or(if few { 0.0 } else { 1.0 });
         let whole = self.epochs.len().saturating_sub(1) as f64;
         Epochs {
@@ -370,7 +382,8 @@ impl Network {
     ///
     /// # Errors
     ///
-    /// Another number of inputs or targets, another time between rows, or a value that is not finite.
+    /// Another number of inputs or targets, another time between rows, or a value that is not
+    /// finite.
     pub fn check(&self, sequence: &Sequence) -> Result<(), ModelError> {
         data::check(
             std::slice::from_ref(sequence),
@@ -393,9 +406,10 @@ impl Network {
 
     /// Writes an ONNX file (opset 17), inputs and outputs in SI units, the normalisation inside.
     ///
-    /// Inputs and outputs by kind: [`Kind::Mlp`] `input [batch, inputs]`; windowed networks `input [batch, window, inputs]`,
-    /// oldest row first; [`Kind::CarriedGru`] `input [rows, batch, inputs]` with `state_k [1, batch, units]` in and
-    /// `next_state_k` out for each recurrent layer. The output is `force [batch, targets]`, N, of the newest row; of
+    /// Inputs and outputs by kind: [`Kind::Mlp`] `input [batch, inputs]`; windowed networks
+    /// `input [batch, window, inputs]`, oldest row first; [`Kind::CarriedGru`]
+    /// `input [rows, batch, inputs]` with `state_k [1, batch, units]` in and `next_state_k` out for
+    /// each recurrent layer. The output is `force [batch, targets]`, N, of the newest row; of
     /// [`Kind::CarriedGru`] `force [rows, batch, targets]`.
     ///
     /// # Errors

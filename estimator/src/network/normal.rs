@@ -1,9 +1,12 @@
-//! Statistics of batch normalisations: mean and variance of what reaches each of them, with the weights as they are.
+//! Statistics of batch normalisations: mean and variance of what reaches each of them, with the
+//! weights as they are.
 //!
-//! Running averages over the updates, as Keras keeps them, lag behind the weights by about 1 / (1 - momentum) = 100 updates, and are
-//! taken with dropout. A training of a few hundred updates ends with statistics of weights that are no more, and its network
-//! is worse than none. So they are computed anew with the final weights and without dropout, layer by layer: what a layer reads is
-//! normalised by the statistics that the network will use (the "precise" normalisation of Wu and Johnson, arXiv 2105.07576, 3).
+//! Running averages over the updates, as Keras keeps them, lag behind the weights by about 1 / (1 -
+//! momentum) = 100 updates, and are taken with dropout. A training of a few hundred updates ends
+//! with statistics of weights that are no more, and its network is worse than none. So they are
+//! computed anew with the final weights and without dropout, layer by layer: what a layer reads is
+//! normalised by the statistics that the network will use (the "precise" normalisation of Wu and
+//! Johnson, arXiv 2105.07576, 3).
 
 use burn::tensor::{activation::relu, module::batch_norm_train, Device, Tensor};
 
@@ -15,10 +18,12 @@ use super::{
     Config,
 };
 
-/// Most rows that are taken, evenly spaced over all trials. The mean of 16384 rows is known to 1 % of the deviation.
+/// Most rows that are taken, evenly spaced over all trials. The mean of 16384 rows is known to 1 %
+/// of the deviation.
 const ROWS: usize = 16_384;
 
-/// Puts the statistics of the training rows into every normalisation. Other networks stay as they are.
+/// Puts the statistics of the training rows into every normalisation. Other networks stay as they
+/// are.
 pub(super) fn settle(
     layers: &mut [Layer],
     rows: &Rows,
@@ -85,7 +90,8 @@ mod tests {
         }
     }
 
-    /// Three trials and sixty updates: running averages would still hold half of their first values.
+    /// Three trials and sixty updates: running averages would still hold half of their first
+    /// values.
     fn briefly_trained() -> (Network, Vec<Sequence>) {
         let training: Vec<Sequence> = (1..4).map(|trial| sequence(trial, 640)).collect();
         let config = Config {

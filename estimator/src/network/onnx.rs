@@ -1,6 +1,8 @@
-//! A writer of ONNX: the few messages of its protocol buffers that a network needs, and the network as their graph.
+//! A writer of ONNX: the few messages of its protocol buffers that a network needs, and the network
+//! as their graph.
 //!
-//! Field numbers: `onnx.proto` of ONNX 1.12 (IR version 8, opset 17). Operators: its `Operators.md`.
+//! Field numbers: `onnx.proto` of ONNX 1.12 (IR version 8, opset 17). Operators: its
+//! `Operators.md`.
 
 use prost::Message;
 
@@ -331,8 +333,9 @@ impl GraphProto {
         name("output")
     }
 
-    /// A recurrent layer on `[rows, batch, inputs]`. Returns the name of its output: of the top layer of a windowed network
-    /// the last state, `[batch, units]`, else all states, `[rows, batch, units]`.
+    /// A recurrent layer on `[rows, batch, inputs]`. Returns the name of its output: of the top
+    /// layer of a windowed network the last state, `[batch, units]`, else all states,
+    /// `[rows, batch, units]`.
     fn recurrent(
         &mut self,
         at: usize,
@@ -372,7 +375,8 @@ impl GraphProto {
         }
         let inputs: Vec<&str> = inputs.iter().map(String::as_str).collect();
         self.node(operator, &inputs, &[&name("states"), &next], attributes);
-        // States are [rows, directions, batch, units], the last state is [directions, batch, units].
+        // States are [rows, directions, batch, units], the last state is
+        // [directions, batch, units].
         let (from, axis) = if top && reads == Reads::Window {
             (next, 0)
         } else {
@@ -389,7 +393,8 @@ impl GraphProto {
     }
 }
 
-/// The operator of a recurrent layer, its number of gates, its weights in ONNX's order and form, its attributes.
+/// The operator of a recurrent layer, its number of gates, its weights in ONNX's order and form,
+/// its attributes.
 fn operator_weights(layer: &Layer) -> (&'static str, usize, [Matrix; 3], Vec<AttributeProto>) {
     match layer {
         Layer::Gru(gru) => {

@@ -103,7 +103,8 @@ impl Runner {
         self.rest()
     }
 
-    /// Runs the recurrent layers, which come first, on the row in `values[0]`, and leaves their output there.
+    /// Runs the recurrent layers, which come first, on the row in `values[0]`, and leaves their
+    /// output there.
     fn recurrent(&mut self) {
         for (layer, memory) in self.layers.iter().zip(&mut self.memory) {
             match layer {

@@ -1,7 +1,8 @@
 //! The model file: safetensors, with the settings as JSON in its metadata.
 //!
-//! Tensors: `layer.<number>.<name>` as in [`Layer::matrices`], and the normalisation. Numbers are little-endian f32, so the
-//! same network gives the same bytes on every machine. Any reader of safetensors reads the weights.
+//! Tensors: `layer.<number>.<name>` as in [`Layer::matrices`], and the normalisation. Numbers are
+//! little-endian f32, so the same network gives the same bytes on every machine. Any reader of
+//! safetensors reads the weights.
 
 use std::{collections::HashMap, path::Path};
 

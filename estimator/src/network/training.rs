@@ -22,9 +22,11 @@ use crate::{
     sequence::Sequence,
 };
 
-/// Most validation rows that are tried after an epoch, evenly spaced: enough for the trend, cheap beside an epoch.
+/// Most validation rows that are tried after an epoch, evenly spaced: enough for the trend, cheap
+/// beside an epoch.
 const VALIDATION_ROWS: usize = 4096;
-/// Longest gradient of a part of a recurrent network, beyond which it is shortened: it can grow over a window.
+/// Longest gradient of a part of a recurrent network, beyond which it is shortened: it can grow
+/// over a window.
 const LONGEST_GRADIENT: f32 = 1.0;
 
 /// What the optimiser changes: the parts of all layers, one after the other.
@@ -35,13 +37,15 @@ struct Parameters {
 
 /// Trains a network.
 ///
-/// The normalisation is that of `training`. `validation` gives the error after each epoch and, with [`Config::keep_best`],
-/// chooses the weights; it may be empty. On one machine the same data and settings give the same weights to the byte.
+/// The normalisation is that of `training`. `validation` gives the error after each epoch and, with
+/// [`Config::keep_best`], chooses the weights; it may be empty. On one machine the same data and
+/// settings give the same weights to the byte.
 ///
 /// # Errors
 ///
-/// Settings that can't be used; no training row; sequences of different widths or rates; a value that is not finite; no
-/// sequence as long as a window; losses that are not finite (a smaller rate helps).
+/// Settings that can't be used; no training row; sequences of different widths or rates; a value
+/// that is not finite; no sequence as long as a window; losses that are not finite (a smaller rate
+/// helps).
 pub fn train(
     config: &Config,
     training: &[Sequence],
@@ -229,9 +233,11 @@ impl Trainer {
         pass.end(false)
     }
 
-    /// One pass through the streams: each piece begins with the state at the end of the piece before it.
+    /// One pass through the streams: each piece begins with the state at the end of the piece
+    /// before it.
     ///
-    /// A stream that begins inside of a trial knows nothing of what was before: its first piece isn't scored.
+    /// A stream that begins inside of a trial knows nothing of what was before: its first piece
+    /// isn't scored.
     fn carried_epoch(
         &mut self,
         epoch: usize,
@@ -346,7 +352,8 @@ impl Trainer {
             .collect()
     }
 
-    /// Brings the weights from the device into the network, with the statistics that belong to them.
+    /// Brings the weights from the device into the network, with the statistics that belong to
+    /// them.
     fn take_weights(&mut self) {
         let parameters = self
             .parameters

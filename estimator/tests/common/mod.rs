@@ -7,7 +7,8 @@ use robot::arm::{ArmConfig, ChangeConfig, VirtualArm};
 use robot::trajectory::{Trajectory, TrajectoryConfig};
 use rows::rows;
 
-/// A trial: `seconds` of states at 50 Hz of the arm `robot`, on a path and under a force along y of their own.
+/// A trial: `seconds` of states at 50 Hz of the arm `robot`, on a path and under a force along y of
+/// their own.
 pub fn trial(robot: u64, trial: usize, seconds: f64) -> Sequence {
     changed(robot, trial, seconds, ChangeConfig::default(), 1.0)
 }

@@ -1,4 +1,5 @@
-//! Trials of a virtual arm that changes, and models of it. Whoever includes this file includes `rows.rs` beside it.
+//! Trials of a virtual arm that changes, and models of it. Whoever includes this file includes
+//! `rows.rs` beside it.
 
 use super::rows::rows;
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};

@@ -1,7 +1,8 @@
 //! `cargo xtask bench`: the rig's figures, printed and written as one flat JSON object.
 //!
-//! Times are emulated times wherever a time of the rig is meant; the only clocks on the wall are those of the
-//! allocation's solve, of a stop over the service and of the emulation's speed; they depend on the machine.
+//! Times are emulated times wherever a time of the rig is meant; the only clocks on the wall are
+//! those of the allocation's solve, of a stop over the service and of the emulation's speed; they
+//! depend on the machine.
 
 mod computation;
 mod controllers;

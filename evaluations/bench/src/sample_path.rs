@@ -1,4 +1,5 @@
-//! The path of a sample from the DRDY edge to the DAC: times, losses, load, and the speed of the emulation.
+//! The path of a sample from the DRDY edge to the DAC: times, losses, load, and the speed of the
+//! emulation.
 
 use crate::figures::{Figures, Goal};
 use crate::rig::start;
@@ -98,7 +99,8 @@ fn latency(figures: &mut Figures, latencies: &[Latency]) {
         ),
         (
             "stage_bus_ms_p50",
-            // Select and register pointer are usually sent before the edge: that time does not count.
+            // Select and register pointer are usually sent before the edge: that time does not
+            // count.
             |l| (l.bus_start_ns.max(l.drdy_ns), l.data_ns),
             "stage: START, or the edge where the bus was ahead of it, to the last data byte",
         ),

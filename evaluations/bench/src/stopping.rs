@@ -21,7 +21,8 @@ use wire::{Command, UNITS};
 /// Stops that are measured.
 const STOPS: usize = 20;
 
-/// Time from the request of a client to the board's confirmation of 0 V, with a commander that hangs while it drives.
+/// Time from the request of a client to the board's confirmation of 0 V, with a commander that
+/// hangs while it drives.
 pub fn stopping(figures: &mut Figures) -> Result<(), String> {
     println!("\n{STOPS} stops from a second terminal, in the middle of a drive whose commander hangs; clock on the wall");
     let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
@@ -82,7 +83,8 @@ fn prepared() -> Result<Box<dyn RigLink>, String> {
     Ok(link)
 }
 
-/// Drives for half a second, hangs, and stops from another client. Returns the time of the stop, ms.
+/// Drives for half a second, hangs, and stops from another client. Returns the time of the stop,
+/// ms.
 fn one_stop(path: &Path) -> Result<f64, String> {
     let words = |error: &dyn std::fmt::Display| error.to_string();
     let client = |name| Client::connect_at(path, "bench", name).map_err(|error| words(&error));

@@ -29,7 +29,8 @@ pub struct CellFigures {
     pub gain: Tally,
     /// The same with intervals that allow for nothing beyond the largest weight.
     pub gain_within: Tally,
-    /// Relative error of a force of 12 N on a cell whose curve is drawn from what the fit assumes of cells: one cell a draw.
+    /// Relative error of a force of 12 N on a cell whose curve is drawn from what the fit assumes
+    /// of cells: one cell a draw.
     pub gain_beyond: Tally,
     /// Error of the zero, N.
     pub zero: Tally,
@@ -43,8 +44,9 @@ pub struct CellFigures {
     pub zeros: Vec<[Option<(f64, f64)>; 6]>,
 }
 
-/// Gains (weights +-0.1 %, twice up and down, 1 s each) and zeros (10 s at 320 SPS with spikes and drift) of six cells a
-/// draw. Noise 1.7 to 5 mN a sample as the idle channels of the rig, correlated from one sample to the next.
+/// Gains (weights +-0.1 %, twice up and down, 1 s each) and zeros (10 s at 320 SPS with spikes and
+/// drift) of six cells a draw. Noise 1.7 to 5 mN a sample as the idle channels of the rig,
+/// correlated from one sample to the next.
 pub fn cells(draws: u64) -> CellFigures {
     let mut out = CellFigures::default();
     for draw in 0..draws {
@@ -111,7 +113,8 @@ pub fn cells(draws: u64) -> CellFigures {
     out
 }
 
-/// Half of the 95 % interval of a scale, relative, without the part for forces beyond the largest weight.
+/// Half of the 95 % interval of a scale, relative, without the part for forces beyond the largest
+/// weight.
 fn half_95_within(gain: &Gain) -> f64 {
     let parts = UncertaintyParts {
         beyond: 0.0,
@@ -221,7 +224,8 @@ fn series(cell: &Cell, weights: &[f64], gravity: f64, rng: &mut ChaCha8Rng) -> V
     let mut out = Vec::new();
     for _ in 0..2 {
         for &(i, direction) in &round {
-            // Mean of 320 samples, each as correlated as `stream` makes them; putting a weight on repeats to 1 mN.
+            // Mean of 320 samples, each as correlated as `stream` makes them; putting a weight on
+            // repeats to 1 mN.
             let se_n = cell.noise_sd_n * (1.3f64 / 0.7 / 320.0).sqrt();
             let force = 1e-3 * weights[i] * gravity + se_n * gauss(rng) + 0.001 * gauss(rng);
             out.push(Reading {
@@ -272,8 +276,8 @@ pub struct PowerUpFigures {
     pub slack: usize,
     /// Those of them that were refused.
     pub slack_refused: usize,
-    /// Zeros of cables that pull with 0.7 to 1.0 N, what friction keeps in a cable after a run: how many were accepted, of
-    /// how many, with fewer than [`LEARNT`] power-ups before.
+    /// Zeros of cables that pull with 0.7 to 1.0 N, what friction keeps in a cable after a run: how
+    /// many were accepted, of how many, with fewer than [`LEARNT`] power-ups before.
     pub preloaded_early: (usize, usize),
     /// The same with at least so many before.
     pub preloaded: (usize, usize),
@@ -294,8 +298,9 @@ pub struct PayOutFigures {
     pub faint: (usize, usize),
 }
 
-/// The pay-out test on the cells of [`cells`]: 3 s before, 10 s after. A cable stretches by 0.05 to 0.2 mm/N, 3 mm or more are paid
-/// out, and a slack cell still creeps and drifts by up to 5 mN from one reading to the next.
+/// The pay-out test on the cells of [`cells`]: 3 s before, 10 s after. A cable stretches by 0.05 to
+/// 0.2 mm/N, 3 mm or more are paid out, and a slack cell still creeps and drifts by up to 5 mN from
+/// one reading to the next.
 #[must_use]
 pub fn pay_outs(draws: u64) -> PayOutFigures {
     let mut out = PayOutFigures::default();
@@ -343,9 +348,11 @@ pub fn pay_outs(draws: u64) -> PayOutFigures {
 
 /// Standard deviation of a unit's axis about each perpendicular as surveyed, rad.
 const AXIS_SD_RAD: f64 = 0.003;
-/// Standard deviation of the mass of motor and rack as weighed, kg; the mass itself is about 0.5 kg.
+/// Standard deviation of the mass of motor and rack as weighed, kg; the mass itself is about 0.5
+/// kg.
 const MASS_SD_KG: f64 = 0.005;
-/// A converter's own calibration misses the zero by up to this at a power-up, N (1 % of a 3 kg cell's range).
+/// A converter's own calibration misses the zero by up to this at a power-up, N (1 % of a 3 kg
+/// cell's range).
 pub const POWER_UP_MISS_N: f64 = 0.3;
 /// Zeros further than this many standard deviations from the ones before are refused.
 pub const POWER_UP_LIMIT_SD: f64 = 3.0;

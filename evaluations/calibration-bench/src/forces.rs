@@ -23,9 +23,9 @@ pub struct ForceFigures {
     pub radii_n: Vec<f64>,
 }
 
-/// Force at the tip believed from the cells' readings against the true one, at random poses and tensions, with gains and
-/// zeros of `cells` and geometry of `surveys`. The robot reports its tip with a standard deviation
-/// of `pose_sd_m` in each coordinate.
+/// Force at the tip believed from the cells' readings against the true one, at random poses and
+/// tensions, with gains and zeros of `cells` and geometry of `surveys`. The robot reports its tip
+/// with a standard deviation of `pose_sd_m` in each coordinate.
 pub fn forces(
     draws: u64,
     cells: &CellFigures,

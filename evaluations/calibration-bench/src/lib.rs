@@ -1,5 +1,5 @@
-//! Calibrations of made-up rigs whose truth is hidden from the code under test: how large the errors are and how often
-//! the stated intervals hold.
+//! Calibrations of made-up rigs whose truth is hidden from the code under test: how large the
+//! errors are and how often the stated intervals hold.
 //!
 //! | module | what it draws |
 //! | --- | --- |

@@ -4,7 +4,8 @@ use evaluation::clap::{self, Parser};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Calibrates made-up rigs whose truth is known, and prints errors, coverage of the intervals and the goals.
+/// Calibrates made-up rigs whose truth is known, and prints errors, coverage of the intervals and
+/// the goals.
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask calibration-bench")]
 struct Options {

@@ -70,7 +70,8 @@ pub fn draw(draws: u64, progress: &mut dyn FnMut(&str)) -> String {
             closed,
             repeats,
         };
-        // The chain's covariance takes most of the time; its coverage does not depend on the number of touches.
+        // The chain's covariance takes most of the time; its coverage does not depend on the number
+        // of touches.
         found.push((i, surveys::surveys(draws, layout, repeats == 5)));
     }
     let best = &found[LAYOUTS.len() - 1].1;
@@ -353,7 +354,8 @@ reel known to 0.1 %, stretch to 0.05 mm/N. *Joined*: with the closed survey of 1
     out.push('\n');
 }
 
-/// Part of draws with all six exit points within 2 mm, by length of the run (rows) and reach of the motion.
+/// Part of draws with all six exit points within 2 mm, by length of the run (rows) and reach of the
+/// motion.
 fn lengths(draws: u64, surveys: &GeometryFigures) -> Vec<Vec<f64>> {
     LENGTHS_S
         .iter()
@@ -390,7 +392,8 @@ every side. One sample in 0.2 s counts, since errors of neighbouring ones are al
     out.push('\n');
 }
 
-/// Part of draws with all six exit points within 0.4 mm by an open chain, by holes of a plate (rows) and its radius.
+/// Part of draws with all six exit points within 0.4 mm by an open chain, by holes of a plate
+/// (rows) and its radius.
 fn chains(draws: u64) -> Vec<Vec<f64>> {
     CHAIN_HOLES
         .iter()

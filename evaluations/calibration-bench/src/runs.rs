@@ -10,8 +10,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Exit points from runs of `samples` poses within `reach_m` of the centre, alone and joined with a survey: distances from the
-/// truth, m; intervals are ellipsoids of 95 %.
+/// Exit points from runs of `samples` poses within `reach_m` of the centre, alone and joined with a
+/// survey: distances from the truth, m; intervals are ellipsoids of 95 %.
 pub fn runs(draws: u64, samples: usize, reach_m: f64, surveys: &GeometryFigures) -> (Tally, Tally) {
     let prior = Prior::default();
     let limit = stats::chi_square_quantile(0.95, 3);

@@ -1,4 +1,5 @@
-//! Surveys with a digitizer over three plates: joint estimate, chain of the thesis, Cramer-Rao bound.
+//! Surveys with a digitizer over three plates: joint estimate, chain of the thesis, Cramer-Rao
+//! bound.
 
 use crate::scene::{self, normal as gauss, Scene, CENTER_M};
 use crate::tally::Tally;

@@ -1,14 +1,14 @@
-//! A small Monte Carlo of the whole calibration, with thresholds that chance does not reach: each is more than four standard
-//! deviations of its count away from what is expected. The large one is the
-//! program.
+//! A small Monte Carlo of the whole calibration, with thresholds that chance does not reach: each
+//! is more than four standard deviations of its count away from what is expected. The large one is
+//! the program.
 
 use calibration_bench::cells::SetErrors;
 use calibration_bench::surveys::Layout;
 use calibration_bench::tally::Tally;
 use calibration_bench::{cells, forces, runs, surveys};
 
-/// Whether a coverage of 95 % is plausible for so many draws. The intervals of one draw share the weights, the place
-/// and the stations: as cautious as if a draw were one interval.
+/// Whether a coverage of 95 % is plausible for so many draws. The intervals of one draw share the
+/// weights, the place and the stations: as cautious as if a draw were one interval.
 fn covers(tally: &Tally, draws: u64) -> bool {
     let sd = (0.95 * 0.05 / draws as f64).sqrt();
     (tally.coverage() - 0.95).abs() < 4.0 * sd

@@ -1,9 +1,11 @@
-//! Weights on rigs whose load cells are curved or creep: what the board's correction of the cell is worth.
+//! Weights on rigs whose load cells are curved or creep: what the board's correction of the cell is
+//! worth.
 //!
-//! For each seed with such an effect the force is held with the rig file as it is, `forcectl calibrate gain` hangs weights, and
-//! the force is held again with the calibration. The same follows on the same rig without the effect: weights correct the
-//! scatter of the cells' scale as well, and only the difference between the two rigs is due to curve or creep.
-//! The rig is the one without the emulated controller; its control core is the firmware's.
+//! For each seed with such an effect the force is held with the rig file as it is,
+//! `forcectl calibrate gain` hangs weights, and the force is held again with the calibration. The
+//! same follows on the same rig without the effect: weights correct the scatter of the cells' scale
+//! as well, and only the difference between the two rigs is due to curve or creep. The rig is the
+//! one without the emulated controller; its control core is the firmware's.
 
 use crate::effect::{kind_of, plant_text, truth, Kind, Truth};
 use crate::options::Options;

@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-/// Cables start this slack, m, so that the zeros are taken without a pull, as docs/bring-up.md has it.
+/// Cables start this slack, m, so that the zeros are taken without a pull, as docs/bring-up.md has
+/// it.
 const SLACK_M: f64 = 0.003;
 /// Mean command of the excitation, N: where friction that grows with load is compared.
 pub const MIDDLE_N: f64 = 4.5;
@@ -117,7 +118,8 @@ pub fn truth(seed: u64, size: f64) -> Truth {
                 "N",
             )
         }
-        // A cable over one more guide, by a quarter turn, loses 1 - exp(-mu pi / 2) of its pull: mu of 0.10 to 0.14.
+        // A cable over one more guide, by a quarter turn, loses 1 - exp(-mu pi / 2) of its pull: mu
+        // of 0.10 to 0.14.
         Kind::LoadFriction => {
             let share = within(0.15, 0.20);
             (

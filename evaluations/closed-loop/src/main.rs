@@ -1,11 +1,12 @@
-//! The whole identification on rigs with one effect that their rig file doesn't declare: one effect a seed, whether it is
-//! found, and how much better the force is held after its correction.
+//! The whole identification on rigs with one effect that their rig file doesn't declare: one effect
+//! a seed, whether it is found, and how much better the force is held after its correction.
 //!
-//! For each seed an effect and its size are drawn and written to a plant file. `forcectl identify` runs as a process of
-//! its own and hands that file to the rig; its analysis sees the recorded session and nothing else. Only then is
-//! what it reports compared with the truth.
+//! For each seed an effect and its size are drawn and written to a plant file. `forcectl identify`
+//! runs as a process of its own and hands that file to the rig; its analysis sees the recorded
+//! session and nothing else. Only then is what it reports compared with the truth.
 //!
-//! `cargo xtask closed-loop [--seeds 1..10] [--drive-duration 40] [--duration 16] [--size 1] [--cells] [--markdown FILE]`
+//! `cargo xtask closed-loop [--seeds 1..10] [--drive-duration 40] [--duration 16] [--size 1]
+//! [--cells] [--markdown FILE]`
 
 mod cells;
 mod effect;

@@ -4,7 +4,8 @@ use evaluation::clap::{self, Parser};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// Finds, declares and re-runs one undeclared effect for each seed, with `forcectl identify` on the embedded rig.
+/// Finds, declares and re-runs one undeclared effect for each seed, with `forcectl identify` on the
+/// embedded rig.
 #[derive(Parser)]
 // xtask gives some of the options before those of the user, which count.
 #[command(bin_name = "cargo xtask closed-loop", args_override_self = true)]

@@ -16,7 +16,8 @@ pub struct Findings {
     pub units: usize,
     /// The compared number in each unit that names the effect.
     pub found: Vec<f64>,
-    /// Tension error of the worst cable, N RMS, before and after; `None` where a fault ended the session, or there was none.
+    /// Tension error of the worst cable, N RMS, before and after; `None` where a fault ended the
+    /// session, or there was none.
     pub worst: (Option<f64>, Option<f64>),
     /// Force error at the tip, N RMS, before and after.
     pub tip: (Option<f64>, Option<f64>),

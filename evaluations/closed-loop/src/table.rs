@@ -43,7 +43,8 @@ pub fn cost(findings: &Findings) -> Option<Cost> {
     })
 }
 
-/// A row of the table, and whether the effect was named in most units and the force held better after.
+/// A row of the table, and whether the effect was named in most units and the force held better
+/// after.
 pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) -> (String, bool) {
     let findings = match findings {
         Ok(findings) => findings,

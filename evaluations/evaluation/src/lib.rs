@@ -1,7 +1,9 @@
-//! What the programs of `evaluations/` have in common. Each is a package of its own, because they need very different things built:
-//! `residual-bench` no rig, `bench` all of it, and `residual` must not see the generators that test it.
+//! What the programs of `evaluations/` have in common. Each is a package of its own, because they
+//! need very different things built: `residual-bench` no rig, `bench` all of it, and `residual`
+//! must not see the generators that test it.
 //!
-//! A program declares its options as a [`clap::Parser`], whose comments are its help, and hands over to [`run`].
+//! A program declares its options as a [`clap::Parser`], whose comments are its help, and hands
+//! over to [`run`].
 
 mod progress;
 
@@ -64,7 +66,8 @@ pub fn command_line(program: &str) -> String {
         .fold(program.to_owned(), |line, word| line + " " + &word)
 }
 
-/// The sources that a page was printed with, for its heading: "version 0.2.0, commit abcdef0", and whether files differed from it.
+/// The sources that a page was printed with, for its heading: "version 0.2.0, commit abcdef0", and
+/// whether files differed from it.
 #[must_use]
 pub fn sources() -> String {
     let git = |arguments: &[&str]| {

@@ -1,8 +1,8 @@
 //! Many cases: in parallel, in shards, resumed where they stopped, merged from files.
 //!
-//! A file has one outcome a line, in JSON, below a line that says what they are of. Case n of a seed is the same in every run of
-//! the same program, so files of shards, and of runs that were cut off, add up to one campaign. Outcomes of an older program do
-//! not count: they are put aside.
+//! A file has one outcome a line, in JSON, below a line that says what they are of. Case n of a
+//! seed is the same in every run of the same program, so files of shards, and of runs that were cut
+//! off, add up to one campaign. Outcomes of an older program do not count: they are put aside.
 
 use crate::case::{run_on, Bases};
 use crate::injection::Plan;
@@ -17,8 +17,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// Current limit that docs/bring-up.md has the amplifiers set to, A: 0.9 A are 17.4 N, just above the force limit of 16 N.
-/// With the amplifier's own 6 A a wrong word can pull with 116 N.
+/// Current limit that docs/bring-up.md has the amplifiers set to, A: 0.9 A are 17.4 N, just above
+/// the force limit of 16 N. With the amplifier's own 6 A a wrong word can pull with 116 N.
 pub const CURRENT_LIMIT_A: f64 = 0.9;
 
 /// What the outcomes of a file are of: its first line.
@@ -91,7 +91,8 @@ impl Campaign {
         if open.is_empty() {
             return Ok(());
         }
-        // Behind a lock, because a robot's model need not be shared by threads; a copy takes little of a case's time.
+        // Behind a lock, because a robot's model need not be shared by threads; a copy takes little
+        // of a case's time.
         let bases = Mutex::new(Bases::new(self.seed, self.current_limit_a));
         let next = AtomicUsize::new(0);
         let failed = Mutex::new(None);
@@ -166,7 +167,8 @@ fn progress(done: usize, all: usize, began: Instant) {
     }
 }
 
-/// Seed of a file, and its outcomes by number. A line that was cut off is left out: its case runs again.
+/// Seed of a file, and its outcomes by number. A line that was cut off is left out: its case runs
+/// again.
 ///
 /// # Errors
 /// The file cannot be read, or does not say what it is of.

@@ -10,10 +10,12 @@ use control::{MotorState, SystemState, UNITS};
 pub const WATCH_MS: u32 = 700;
 /// How much longer where the memory was hit: the board checks it once a second.
 pub const MEMORY_CHECK_MS: u32 = 350;
-/// How much longer where a hazard came and no fault yet: a sensor that drifts is noticed when its error is large enough.
+/// How much longer where a hazard came and no fault yet: a sensor that drifts is noticed when its
+/// error is large enough.
 pub const AFTER_HAZARD_MS: u32 = 500;
 
-/// Least and largest tension of a base, N. The setpoints swing by 0.6 N around it: within 2 and 12 N, what a rig file permits.
+/// Least and largest tension of a base, N. The setpoints swing by 0.6 N around it: within 2 and 12
+/// N, what a rig file permits.
 pub const HELD_N: (f64, f64) = (2.6, 11.4);
 /// Those of the expected faults, N: their times and tensions are of these.
 pub const EXPECTED_N: (f64, f64) = (3.0, 8.0);

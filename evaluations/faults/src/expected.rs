@@ -1,5 +1,5 @@
-//! Which fault an injection must cause: one line for each detection of the firmware. A detection that is switched off shows here
-//! even where another one stops the motors in its place.
+//! Which fault an injection must cause: one line for each detection of the firmware. A detection
+//! that is switched off shows here even where another one stops the motors in its place.
 
 use crate::case::{run, Bases};
 use crate::injection::{Injection as I, Plan};
@@ -20,7 +20,8 @@ pub struct Expected {
     pub within_ms: u32,
     /// Whether the amplifiers must have lost their power at the end.
     pub power_off: bool,
-    /// Largest tension that any cable may reach, N; the campaign's own limit where nothing tighter is expected.
+    /// Largest tension that any cable may reach, N; the campaign's own limit where nothing tighter
+    /// is expected.
     pub at_most_n: f64,
 }
 
@@ -69,7 +70,8 @@ pub const EXPECTED: &[Expected] = &[
     one(I::Frozen(4), F::SensorFrozen, 40),
     one(I::Offset(0, -6.0), F::TensionNegative, 80),
     one(I::AmplifierOff(0), F::Implausible, 150),
-    // The amplifier suddenly gives half as much again: the reel speeds up before the load cell's filter has followed.
+    // The amplifier suddenly gives half as much again: the reel speeds up before the load cell's
+    // filter has followed.
     one(I::AmplifierGain(4, 1.5), F::Implausible, 20),
     one(I::Offset(0, 3.0), F::CommandAtLimit, 700),
     one(I::ReadsFail(1), F::SensorReads, 20),
@@ -79,7 +81,8 @@ pub const EXPECTED: &[Expected] = &[
     one(I::EncoderJump(2, -5_000), F::EncoderError, 4).at_most_n(9.0),
     one(I::HostStops, F::SetpointsExpired, 110),
     one(I::StopElsewhere, F::HostStop, 2),
-    // The scale of the DAC, which the next sample needs; the slew rate, which nothing but the check of each second sees.
+    // The scale of the DAC, which the next sample needs; the slew rate, which nothing but the check
+    // of each second sees.
     one(I::ConfigBit(2, 7 * 32 + 28), F::ConfigCrc, 5),
     one(I::ConfigBit(4, Config::SLEW_BIT + 40), F::ConfigCrc, 1_010),
     one(I::Overrun(2_000), F::LoopOverrun, 2),
@@ -96,19 +99,23 @@ pub const EXPECTED: &[Expected] = &[
         .power_off(),
     // From 3 to 10 N, more than friction lets a resting reel swing.
     one(I::EncoderFrozen(0), F::EncoderStill, 800).then(100, I::SetpointRange(0, 10_000_000)),
-    // The cell drifts to 2.4 N too much, which the whole band permits; the robot's motion makes the reel slide.
+    // The cell drifts to 2.4 N too much, which the whole band permits; the robot's motion makes the
+    // reel slide.
     one(I::Drift(5, 3.4), F::Implausible, 800).then(250, I::RobotMoves),
-    // Without the encoder only the whole band is left, and the limit of the command bounds the pull until then.
+    // Without the encoder only the whole band is left, and the limit of the command bounds the pull
+    // until then.
     one(I::EncoderFrozen(0), F::Implausible, 150).then(5, I::AmplifierOff(0)),
     one(I::EncoderFrozen(2), F::Implausible, 100)
         .then(5, I::OpenBridge(2))
         .at_most_n(9.5),
-    // Another unit's words pull a cable at 0 V whose load cell shows too little of it: the reel speeds up.
+    // Another unit's words pull a cable at 0 V whose load cell shows too little of it: the reel
+    // speeds up.
     one(I::Sensitivity(1, 0.18), F::Implausible, 100)
         .then(194, I::DacSelect(3, 1))
         .power_off()
         .at_most_n(9.0),
-    // The same with a load cell that can be believed: the cable that is pulled again shows it too, but only after 75 ms.
+    // The same with a load cell that can be believed: the cable that is pulled again shows it too,
+    // but only after 75 ms.
     one(I::Extra(1), F::SensorFast, 150)
         .then(194, I::DacSelect(3, 1))
         .at_base(1)
@@ -118,7 +125,8 @@ pub const EXPECTED: &[Expected] = &[
     one(I::DacStuck(3), F::EncoderStill, 150)
         .then(5, I::OpenBridge(3))
         .power_off(),
-    // Damage of the memory behind a stuck DAC: the tension cannot tell any more whether the cable lets go.
+    // Damage of the memory behind a stuck DAC: the tension cannot tell any more whether the cable
+    // lets go.
     one(I::DacStuck(4), F::ConfigCrc, 200)
         .then(190, I::ConfigBit(4, 27))
         .power_off(),

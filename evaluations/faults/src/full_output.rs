@@ -1,5 +1,6 @@
-//! An output that jumps to the end of its range and stays there, whatever is written. No sampling sees that before the cable does,
-//! and no word takes it back: until the PLC has removed the power, the amplifier's current limit alone bounds the pull.
+//! An output that jumps to the end of its range and stays there, whatever is written. No sampling
+//! sees that before the cable does, and no word takes it back: until the PLC has removed the power,
+//! the amplifier's current limit alone bounds the pull.
 
 use crate::injection::Injection;
 use crate::rig::Rig;
@@ -16,7 +17,8 @@ const WATCH_MS: u32 = 300;
 /// Pull of a motor for a current, N/A: 52.1 mN m/A, 26:7, 10 mm.
 const N_PER_A: f64 = 0.0521 * 26.0 / 7.0 / 0.01;
 
-/// Largest tension in newton, and the first millisecond above 13 N; `None` where the motors cannot hold `held_n`.
+/// Largest tension in newton, and the first millisecond above 13 N; `None` where the motors cannot
+/// hold `held_n`.
 fn worst(seed: u64, limit_a: f64, held_n: f64) -> Option<(f64, Option<u32>)> {
     let mut most = (0.0f64, None::<u32>);
     for plant in 0..PLANTS {

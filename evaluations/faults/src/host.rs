@@ -15,8 +15,9 @@ use wire::{
 const PERIOD_MS: u64 = 10;
 /// Validity of its setpoints, in milliseconds.
 const VALID_MS: u16 = 100;
-/// The phase of the wave of its setpoints where it begins to hold, as though it had run for so many milliseconds. The expected
-/// faults were written for a wave that ran from power-on and a host that began to hold after 1.12 s.
+/// The phase of the wave of its setpoints where it begins to hold, as though it had run for so many
+/// milliseconds. The expected faults were written for a wave that ran from power-on and a host that
+/// began to hold after 1.12 s.
 const WAVE_MS: u64 = 1_120;
 /// Swing of its setpoints around the tensions that it holds, N.
 pub const SWING_N: f64 = 0.6;
@@ -30,7 +31,8 @@ pub enum Step {
     Must(Command),
     /// Sends a command and goes on whatever comes of it.
     Try(Command),
-    /// Waits until the board is ready and its motors have power, at most so many milliseconds; then it ends everything.
+    /// Waits until the board is ready and its motors have power, at most so many milliseconds; then
+    /// it ends everything.
     Ready(u64),
     /// Waits for so many milliseconds.
     Wait(u64),
@@ -99,7 +101,8 @@ impl Host {
         self.since_ms = None;
     }
 
-    /// A millisecond of its steps: bytes for the line. `ready`: the board is ready, and its motors have power.
+    /// A millisecond of its steps: bytes for the line. `ready`: the board is ready, and its motors
+    /// have power.
     pub fn act(&mut self, now_ms: u64, ready: bool) -> Vec<u8> {
         if now_ms < self.next_ms && self.paused {
             return Vec::new();

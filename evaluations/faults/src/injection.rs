@@ -125,7 +125,8 @@ pub enum Injection {
     CodeBitStuck(usize, u8, bool),
     /// Two units' codes are exchanged: the multiplexer connects another channel than was written.
     Exchanged(usize, usize),
-    /// The nth data bit from now on the sensor bus is inverted: an address of the multiplexer, a register, a result.
+    /// The nth data bit from now on the sensor bus is inverted: an address of the multiplexer, a
+    /// register, a result.
     BusBit(u16),
     /// Reads of a unit fail.
     ReadsFail(usize),
@@ -344,7 +345,8 @@ impl Injection {
     }
 }
 
-/// What a case injects, and when: one thing, or a second one some time after the first, and whether the host clears then.
+/// What a case injects, and when: one thing, or a second one some time after the first, and whether
+/// the host clears then.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Seed of the plant, 0 to [`BASES`] - 1.
@@ -355,7 +357,8 @@ pub struct Plan {
     pub first: Injection,
     /// The second, and how many milliseconds later.
     pub second: Option<(Injection, u32)>,
-    /// The host clears all faults, goes on, and clears once more, so many milliseconds after the first injection.
+    /// The host clears all faults, goes on, and clears once more, so many milliseconds after the
+    /// first injection.
     pub clear_ms: Option<u32>,
 }
 
@@ -387,7 +390,8 @@ impl Plan {
         memory(&self.first) || self.second.is_some_and(|(second, _)| memory(&second))
     }
 
-    /// Whether an output stands at the end of its range, pulling: no sampling sees that before the cable does.
+    /// Whether an output stands at the end of its range, pulling: no sampling sees that before the
+    /// cable does.
     #[must_use]
     pub fn has_full_output(&self) -> bool {
         let full = |injection: Injection| match injection {
@@ -399,8 +403,8 @@ impl Plan {
         full(self.first) || self.second.is_some_and(|(second, _)| full(second))
     }
 
-    /// Whether an output stands for less pull than a resting reel and its cable show: bit 9 is 1.8 N,
-    /// and the campaign counts from 1.5 N on (docs/safety.md, "A pull below 2 N at 0 V").
+    /// Whether an output stands for less pull than a resting reel and its cable show: bit 9 is 1.8
+    /// N, and the campaign counts from 1.5 N on (docs/safety.md, "A pull below 2 N at 0 V").
     #[must_use]
     pub fn has_small_pull(&self) -> bool {
         let small = |injection: Injection| match injection {

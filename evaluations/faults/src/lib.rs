@@ -1,8 +1,10 @@
-//! The fault campaign: thousands of injections, one or two at a time, into an armed rig, and what came of each.
+//! The fault campaign: thousands of injections, one or two at a time, into an armed rig, and what
+//! came of each.
 //!
-//! What runs is `core-sim`: the firmware's machine, bus scheduler and control core on the host, with the board's chips and the
-//! plant, brought up as every rig is, with a host on its serial line. What is left out is the processor. The scenarios of
-//! `tests/scenarios` inject into the whole image.
+//! What runs is `core-sim`: the firmware's machine, bus scheduler and control core on the host,
+//! with the board's chips and the plant, brought up as every rig is, with a host on its serial
+//! line. What is left out is the processor. The scenarios of `tests/scenarios` inject into the
+//! whole image.
 //!
 //! | module | question |
 //! | --- | --- |

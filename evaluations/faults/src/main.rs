@@ -37,10 +37,12 @@ struct Options {
     /// Only print the table of these files together.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     merge: Vec<PathBuf>,
-    /// The expected fault of each kind of injection, then the first cases, without a file; ends at the first hazard or wrong fault.
+    /// The expected fault of each kind of injection, then the first cases, without a file; ends at
+    /// the first hazard or wrong fault.
     #[arg(long)]
     check: bool,
-    /// Only what an output does that jumps to the end of its range, for some current limits of the amplifiers.
+    /// Only what an output does that jumps to the end of its range, for some current limits of the
+    /// amplifiers.
     #[arg(long)]
     full_output: bool,
     /// The table without the list of hazards.
@@ -115,7 +117,8 @@ fn outcomes_of(seed: u64) -> Result<PathBuf, String> {
     Ok(folder.join(format!("seed-{seed}.jsonl")))
 }
 
-/// The expected faults, then the campaign's first cases, in memory; ends at the first thing that is wrong.
+/// The expected faults, then the campaign's first cases, in memory; ends at the first thing that is
+/// wrong.
 fn check_quickly(campaign: Campaign) -> ExitCode {
     let bases = Bases::between(campaign.seed, campaign.current_limit_a, EXPECTED_N);
     if let Err(wrong) = expected::check(&bases) {

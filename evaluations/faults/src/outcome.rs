@@ -6,12 +6,13 @@ use serde::{Deserialize, Serialize};
 pub const TENSION_N: f64 = 13.0;
 /// Tension below which a cable of a running unit is slack, N.
 pub const SLACK_N: f64 = 0.5;
-/// Time that a cable of a running unit may be slack, in milliseconds: what the detections take, and a reversal.
+/// Time that a cable of a running unit may be slack, in milliseconds: what the detections take, and
+/// a reversal.
 pub const SLACK_MS: u32 = 150;
 /// Pull of a motor that counts as pulling, N: friction of the reel is 0.9 N.
 pub const PULL_N: f64 = 1.5;
-/// Time after which a motor that is not allowed to pull must not, in milliseconds: the cable is given 75 ms to let go, then
-/// the PLC takes 10 ms; the rest is for a cable that is pulled again.
+/// Time after which a motor that is not allowed to pull must not, in milliseconds: the cable is
+/// given 75 ms to let go, then the PLC takes 10 ms; the rest is for a cable that is pulled again.
 pub const PULL_MS: u32 = 150;
 /// Cable that a reel may wind in while it is slack or its motor may not pull, m.
 pub const MOTION_M: f64 = 0.03;
@@ -21,9 +22,11 @@ pub const MOTION_M: f64 = 0.03;
 pub enum Hazard {
     /// Tension above [`TENSION_N`].
     Tension,
-    /// A running unit's cable below [`SLACK_N`] for longer than [`SLACK_MS`], after it has once been tight.
+    /// A running unit's cable below [`SLACK_N`] for longer than [`SLACK_MS`], after it has once
+    /// been tight.
     Slack,
-    /// A motor that is not armed, or faulted, pulls with more than [`PULL_N`] for longer than [`PULL_MS`].
+    /// A motor that is not armed, or faulted, pulls with more than [`PULL_N`] for longer than
+    /// [`PULL_MS`].
     Pull,
     /// A reel wound in more than [`MOTION_M`] that nobody asked for.
     Motion,

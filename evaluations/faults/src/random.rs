@@ -1,4 +1,5 @@
-//! Numbers from a seed: one stream for each case, so that a case is the same in every shard and order.
+//! Numbers from a seed: one stream for each case, so that a case is the same in every shard and
+//! order.
 
 use random::SplitMix64;
 

@@ -1,4 +1,5 @@
-//! The rig of the campaign: `core-sim` with a host on its serial line, brought up, armed, and then broken.
+//! The rig of the campaign: `core-sim` with a host on its serial line, brought up, armed, and then
+//! broken.
 
 use crate::host::{Host, Step};
 use crate::injection::{Injection as I, Phase};
@@ -59,7 +60,8 @@ impl Rig {
         rig
     }
 
-    /// A rig that is configured, zeroed, armed and has held `hold_n` on each cable for a second and a half.
+    /// A rig that is configured, zeroed, armed and has held `hold_n` on each cable for a second and
+    /// a half.
     ///
     /// # Panics
     /// Where it does not get there: without it no case means anything.
@@ -79,7 +81,8 @@ impl Rig {
         (running && !rig.is_faulted()).then_some(rig)
     }
 
-    /// Rigs at the beginning of each phase, in the order of [`Phase::ALL`], with so much slack at power-on, m.
+    /// Rigs at the beginning of each phase, in the order of [`Phase::ALL`], with so much slack at
+    /// power-on, m.
     ///
     /// # Panics
     /// As [`Self::armed`].
@@ -174,7 +177,8 @@ impl Rig {
         ]);
     }
 
-    /// The host clears what is latched and goes on with what it did, as far as the board lets it; and does that once more.
+    /// The host clears what is latched and goes on with what it did, as far as the board lets it;
+    /// and does that once more.
     pub fn clear_twice(&mut self) {
         let once = [
             Step::Hold(None),
@@ -187,7 +191,8 @@ impl Rig {
         self.host.plan(once.clone().into_iter().chain(once));
     }
 
-    /// The host disarms, switches a unit off and on again, and arms. It takes no zeros: friction of the reels still holds the cables.
+    /// The host disarms, switches a unit off and on again, and arms. It takes no zeros: friction of
+    /// the reels still holds the cables.
     fn reconfigure(&mut self) {
         let unit = self.host.random.below(UNITS as u64) as usize;
         let config = self.config(unit);

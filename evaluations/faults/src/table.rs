@@ -1,4 +1,5 @@
-//! The summary of outcomes as text: a row for each category, pairs for themselves, and every hazard.
+//! The summary of outcomes as text: a row for each category, pairs for themselves, and every
+//! hazard.
 
 use crate::case::{HELD_N, SLACK_MM};
 use crate::host::SWING_N;
@@ -82,7 +83,8 @@ fn line<'a>(text: &mut String, name: &str, outcomes: impl Iterator<Item = &'a Ou
     );
 }
 
-/// What was drawn, and what the hazards say: seeds, range of tension, phases, the share of hazards and its upper bound.
+/// What was drawn, and what the hazards say: seeds, range of tension, phases, the share of hazards
+/// and its upper bound.
 #[must_use]
 pub fn drawn(outcomes: &Outcomes, current_limit_a: f64) -> String {
     let seeds: BTreeSet<u64> = outcomes.keys().map(|(seed, _)| *seed).collect();
@@ -152,7 +154,8 @@ pub fn drawn(outcomes: &Outcomes, current_limit_a: f64) -> String {
     text
 }
 
-/// The mean number of events whose count is this or less in one of twenty campaigns (Poisson; Garwood's upper limit).
+/// The mean number of events whose count is this or less in one of twenty campaigns (Poisson;
+/// Garwood's upper limit).
 fn upper_bound(found: usize) -> f64 {
     let degrees = 2.0 * (found as f64 + 1.0);
     let chi_squared = ChiSquared::new(degrees).expect("degrees of freedom above zero");
@@ -196,7 +199,8 @@ pub fn hazards(outcomes: &Outcomes) -> String {
 mod tests {
     use super::*;
 
-    /// Tables of the Poisson distribution: 3.00 for none, 4.74 for one, 16.96 for ten; many are nearly normal.
+    /// Tables of the Poisson distribution: 3.00 for none, 4.74 for one, 16.96 for ten; many are
+    /// nearly normal.
     #[test]
     fn the_upper_bound_is_that_of_the_tables() {
         for (found, bound) in [(0, 2.996), (1, 4.744), (10, 16.962)] {

@@ -1,5 +1,5 @@
-//! The watch on the truth: hazards, the first fault, and when what faulted was safe. The same for the firmware's core on the plant
-//! ([`crate::case`]) and for the whole image in the embedded rig.
+//! The watch on the truth: hazards, the first fault, and when what faulted was safe. The same for
+//! the firmware's core on the plant ([`crate::case`]) and for the whole image in the embedded rig.
 
 use crate::outcome::{Hazard, MOTION_M, PULL_MS, PULL_N, SLACK_MS, SLACK_N, TENSION_N};
 use wire::UNITS;
@@ -47,7 +47,8 @@ pub struct Watch {
     slack_ms: [u32; UNITS],
     pull_ms: [u32; UNITS],
     began_m: [f64; UNITS],
-    /// The cable has been tight since the unit began to run: an arming takes up what a robot has left slack.
+    /// The cable has been tight since the unit began to run: an arming takes up what a robot has
+    /// left slack.
     tight: [bool; UNITS],
     /// Hazards, each once with the millisecond at which it came.
     pub hazards: Vec<(Hazard, u32)>,
@@ -95,7 +96,8 @@ impl Watch {
                 self.hazard(Hazard::Tension, ms);
             }
             self.tight[unit] = running && (self.tight[unit] || tension_n >= SLACK_N);
-            // What a tight cable winds in the robot gives, and what is taken up after an arming was asked for.
+            // What a tight cable winds in the robot gives, and what is taken up after an arming was
+            // asked for.
             if running && (!self.tight[unit] || tension_n >= SLACK_N) {
                 self.began_m[unit] = view.wound_m[unit];
             }

@@ -1,4 +1,5 @@
-//! Power that comes back: what a clear, a reset or a configuration gives a motor whose output does not follow.
+//! Power that comes back: what a clear, a reset or a configuration gives a motor whose output does
+//! not follow.
 
 use control::Fault;
 use faults::campaign::CURRENT_LIMIT_A;
@@ -9,7 +10,8 @@ use wire::message::{Command, Response};
 
 const UNIT: usize = 3;
 
-/// Milliseconds in which a motor that may not pull did so at a stretch, and the largest tension of any cable, N.
+/// Milliseconds in which a motor that may not pull did so at a stretch, and the largest tension of
+/// any cable, N.
 fn watch(rig: &mut Rig, ms: u32) -> (u32, f64) {
     let (mut pulls, mut longest, mut most_n) = (0, 0, 0.0f64);
     for _ in 0..ms {
@@ -27,8 +29,9 @@ fn watch(rig: &mut Rig, ms: u32) -> (u32, f64) {
     (longest, most_n)
 }
 
-/// An output that is stuck behind a load cell or an encoder that is broken too: the unit faults, the board faults, the power is off.
-/// A clear starts the converter anew, and for 0.65 s nothing is measured.
+/// An output that is stuck behind a load cell or an encoder that is broken too: the unit faults,
+/// the board faults, the power is off. A clear starts the converter anew, and for 0.65 s nothing is
+/// measured.
 #[test]
 fn a_clear_gives_a_stuck_motor_no_power_that_it_keeps() {
     for seed in [1, 2] {
@@ -48,7 +51,8 @@ fn a_clear_gives_a_stuck_motor_no_power_that_it_keeps() {
             rig.inject(I::StopElsewhere);
             rig.run_ms(600);
             if rig.power() {
-                // An encoder that stands still shows nothing of it, and the load cell has seen the cable let go.
+                // An encoder that stands still shows nothing of it, and the load cell has seen the
+                // cable let go.
                 assert!(rig.is_faulted());
                 continue;
             }
@@ -57,7 +61,8 @@ fn a_clear_gives_a_stuck_motor_no_power_that_it_keeps() {
                 let (pulls, most_n) = watch(&mut rig, 2_000);
                 let context = format!("seed {seed}, {other:?}, clear {clear}: {:?}", rig.status());
                 assert!(pulls <= PULL_MS, "{pulls} ms, {context}");
-                // Without its encoder nothing shows that a slack cable is taken up: it tightens with a shock.
+                // Without its encoder nothing shows that a slack cable is taken up: it tightens
+                // with a shock.
                 let seen = other != I::EncoderFrozen(UNIT);
                 assert!(!seen || most_n < TENSION_N, "{most_n:.1} N, {context}");
                 assert!(!rig.power(), "{context}");
@@ -83,7 +88,8 @@ fn a_clear_after_a_stop_gives_a_stuck_motor_no_power_that_it_keeps() {
     assert_eq!(rig.status().fault, Fault::OutputStuck.code());
 }
 
-/// Many clears in a row, in every phase of the converters' periods: none ends in a fault of its own.
+/// Many clears in a row, in every phase of the converters' periods: none ends in a fault of its
+/// own.
 #[test]
 fn a_clear_starts_every_converter_that_works() {
     for late_ms in 0..30 {

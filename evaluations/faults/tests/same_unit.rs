@@ -1,5 +1,6 @@
-//! Two faults of one unit, one of which hides the other: a load cell that lies in front of an output that does not follow, or an
-//! encoder that stands. The campaign draws its pairs at random and seldom meets these.
+//! Two faults of one unit, one of which hides the other: a load cell that lies in front of an
+//! output that does not follow, or an encoder that stands. The campaign draws its pairs at random
+//! and seldom meets these.
 
 use faults::campaign::CURRENT_LIMIT_A;
 use faults::case::{run, Bases, EXPECTED_N};

@@ -1,4 +1,5 @@
-//! The campaign's subset of `cargo xtask test`: the expected faults, and its first cases. `cargo xtask faults` runs all.
+//! The campaign's subset of `cargo xtask test`: the expected faults, and its first cases.
+//! `cargo xtask faults` runs all.
 
 use faults::campaign::{Campaign, CURRENT_LIMIT_A};
 use faults::case::{run, Bases, EXPECTED_N};
@@ -11,7 +12,8 @@ use std::collections::BTreeSet;
 fn every_detection_answers_its_injection_and_no_case_is_a_hazard() {
     let bases = Bases::between(1, CURRENT_LIMIT_A, EXPECTED_N);
     expected::check(&bases).unwrap_or_else(|wrong| panic!("{wrong}"));
-    // What an output at the end of its range does no sampling prevents: `faults --full-output` shows it.
+    // What an output at the end of its range does no sampling prevents: `faults --full-output`
+    // shows it.
     let plans = (0..120).map(|number| (number, Plan::draw(1, number)));
     for (number, plan) in plans.filter(|(_, plan)| !plan.has_full_output()) {
         let outcome = run(&bases, number, plan);
@@ -19,7 +21,8 @@ fn every_detection_answers_its_injection_and_no_case_is_a_hazard() {
     }
 }
 
-/// Without the amplifiers' current limit a wrong DAC word pulls too hard: the campaign sees what it is there to see.
+/// Without the amplifiers' current limit a wrong DAC word pulls too hard: the campaign sees what it
+/// is there to see.
 #[test]
 fn the_watch_sees_a_hazard() {
     let bases = Bases::new(1, 6.0);
@@ -88,7 +91,8 @@ fn a_plan_is_the_same_in_every_run_and_all_categories_are_drawn() {
     assert!((0..100).any(|n| Plan::draw(5, n).second.is_some()));
 }
 
-/// The watches on load cell and motor are sharp enough to be wrong: nothing that is in order may trip them.
+/// The watches on load cell and motor are sharp enough to be wrong: nothing that is in order may
+/// trip them.
 #[test]
 fn a_moving_robot_is_no_fault() {
     let bases = Bases::new(1, CURRENT_LIMIT_A);
@@ -119,7 +123,8 @@ fn a_motor_without_force_is_noticed_at_the_least_tension() {
     }
 }
 
-/// A robot that moves before the arming leaves cables slack: they must not tighten with a shock, whatever they are to hold.
+/// A robot that moves before the arming leaves cables slack: they must not tighten with a shock,
+/// whatever they are to hold.
 #[test]
 fn a_slack_cable_tightens_gently_at_the_largest_tension() {
     let bases = Bases::new(1, CURRENT_LIMIT_A);
@@ -133,7 +138,8 @@ fn a_slack_cable_tightens_gently_at_the_largest_tension() {
     }
 }
 
-/// The injection does what it says: the table of `--full-output` is of a pull that only the current limit bounds.
+/// The injection does what it says: the table of `--full-output` is of a pull that only the current
+/// limit bounds.
 #[test]
 fn an_output_at_the_end_of_its_range_pulls_with_the_current_limit() {
     let mut rig = Rig::armed(1, [4.0; 6], CURRENT_LIMIT_A);

@@ -1,7 +1,9 @@
-//! The model of one tool on another of its kind: a correction from two files, held by what is known about tools.
+//! The model of one tool on another of its kind: a correction from two files, held by what is known
+//! about tools.
 //!
-//! The correction adds to the model's torque: an offset, a gain, their dependence on the angle, friction by speed, and the
-//! turn after a reversal. Two files can't say all that; a normal prior says how far tools of one kind differ.
+//! The correction adds to the model's torque: an offset, a gain, their dependence on the angle,
+//! friction by speed, and the turn after a reversal. Two files can't say all that; a normal prior
+//! says how far tools of one kind differ.
 
 use crate::data::Run;
 use crate::features::{legendre, Features};
@@ -65,7 +67,8 @@ pub fn sums(model: &Bilinear, run: &Run, scored: &Scored) -> Sums {
     Sums::of(CORRECTIONS, &regressors, &left)
 }
 
-/// Root mean squared error on all other runs after a correction from these two, mN·m. `None` where there are no others.
+/// Root mean squared error on all other runs after a correction from these two, mN·m. `None` where
+/// there are no others.
 #[must_use]
 pub fn error_after(sums: &[Sums], pair: [usize; 2]) -> Option<f64> {
     let mut known = Sums::new(CORRECTIONS);

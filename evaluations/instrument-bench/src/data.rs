@@ -1,9 +1,11 @@
 //! Reads the runs of the public data set.
 //!
-//! A file is one run of 20 s at 1 kHz: lines that begin with `%`, then ten columns, comma-separated: time (s), spindle encoder
-//! (8192 counts a turn), torque sensor at the spindle, motor current (A), encoder at the jaw, torque sensor at the jaw
-//! (3.9811e-5 N·m a count), current of the load's motor, command, motor encoder (4096 counts a turn, gear of 35), trajectory.
-//! Its name is `XY.TXT`: X the speed of the sine in steps of 0.1 Hz from 0.1 Hz, Y the load in steps of a tenth from a tenth.
+//! A file is one run of 20 s at 1 kHz: lines that begin with `%`, then ten columns,
+//! comma-separated: time (s), spindle encoder (8192 counts a turn), torque sensor at the spindle,
+//! motor current (A), encoder at the jaw, torque sensor at the jaw (3.9811e-5 N·m a count), current
+//! of the load's motor, command, motor encoder (4096 counts a turn, gear of 35), trajectory. Its
+//! name is `XY.TXT`: X the speed of the sine in steps of 0.1 Hz from 0.1 Hz, Y the load in steps of
+//! a tenth from a tenth.
 
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -58,7 +60,8 @@ pub struct Row {
     pub current_a: f64,
     /// Angle of the spindle by its own encoder, rad.
     pub spindle_rad: f64,
-    /// Angle of the motor divided by the gear's ratio, rad, from an arbitrary zero; the sign of the spindle.
+    /// Angle of the motor divided by the gear's ratio, rad, from an arbitrary zero; the sign of the
+    /// spindle.
     pub motor_rad: f64,
 }
 

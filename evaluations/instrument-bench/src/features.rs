@@ -1,14 +1,19 @@
-//! The physics, as regressors of a linear model, row by row: nothing older than 250 ms but the place of the last reversal.
+//! The physics, as regressors of a linear model, row by row: nothing older than 250 ms but the
+//! place of the last reversal.
 //!
-//! The drive's current holds the load's torque through the cables, friction, and the inertia of motor and gear. So the torque is
-//! linear in the current, the factor depends on the angle of the spindle (the jaw's lever), and what has to be taken off
-//! depends on speed, acceleration, ripple of the motor and the distance since the reversal (slack and elastic turn of the cables).
+//! The drive's current holds the load's torque through the cables, friction, and the inertia of
+//! motor and gear. So the torque is linear in the current, the factor depends on the angle of the
+//! spindle (the jaw's lever), and what has to be taken off depends on speed, acceleration, ripple
+//! of the motor and the distance since the reversal (slack and elastic turn of the cables).
 //!
-//! * *Bilinear*: mean current and mean speed of the motor in eight bins of the last 250 ms, times a polynomial of the angle. Differences of
-//!   bins are accelerations; the motor's encoder has 17.5 times the resolution of the spindle's, so no filter is needed.
+//! * *Bilinear*: mean current and mean speed of the motor in eight bins of the last 250 ms, times a
+//!   polynomial of the angle. Differences of bins are accelerations; the motor's encoder has 17.5
+//!   times the resolution of the spindle's, so no filter is needed.
 //! * *Profile*: a polynomial of the angle.
-//! * *Reversal*: exponentials of the distance since the last reversal, times currents, speed and angle.
-//! * *Friction*: root, square and two exponentials (Stribeck) of the speed, times 1 and the current.
+//! * *Reversal*: exponentials of the distance since the last reversal, times currents, speed and
+//!   angle.
+//! * *Friction*: root, square and two exponentials (Stribeck) of the speed, times 1 and the
+//!   current.
 //! * *Ripple*: harmonics of the motor's turn, times 1 and the current.
 //! * *Load*: squares of the current: friction grows with the load.
 
@@ -130,7 +135,8 @@ impl Travel {
 /// What is kept of the past, and the regressors of the present.
 #[derive(Debug, Clone)]
 pub struct Features {
-    /// Sums of the current up to a row, and the motor's angle, in a ring of one more than the memory.
+    /// Sums of the current up to a row, and the motor's angle, in a ring of one more than the
+    /// memory.
     ring: Vec<(f64, f64)>,
     /// Place of the present row in the ring; `None` before the first.
     now: Option<usize>,
@@ -205,7 +211,8 @@ impl Features {
         self.last.spindle_rad
     }
 
-    /// What the correction for another tool reads: speed (rad/s), and the exponentials of the distance since the reversal, longest last.
+    /// What the correction for another tool reads: speed (rad/s), and the exponentials of the
+    /// distance since the reversal, longest last.
     #[must_use]
     pub fn motion(&self) -> (f64, [f64; 4]) {
         (self.speed(CURRENT_BIN), self.turn())

@@ -1,4 +1,5 @@
-//! The publication's filter: a Butterworth low-pass of order 3 at 50 Hz, run forwards and backwards, and a smooth derivative.
+//! The publication's filter: a Butterworth low-pass of order 3 at 50 Hz, run forwards and
+//! backwards, and a smooth derivative.
 
 use crate::data::RATE_HZ;
 use std::f64::consts::PI;
@@ -30,7 +31,8 @@ impl Stage {
     }
 }
 
-/// Poles of the analogue prototype 1 / ((s + 1) (s² + s + 1)), carried over by the bilinear transform with a prewarped corner.
+/// Poles of the analogue prototype 1 / ((s + 1) (s² + s + 1)), carried over by the bilinear
+/// transform with a prewarped corner.
 fn stages() -> [Stage; 2] {
     let k = (PI * CORNER_HZ / RATE_HZ).tan();
     let first = 1.0 + k;
@@ -47,7 +49,8 @@ fn stages() -> [Stage; 2] {
     ]
 }
 
-/// Filters forwards and backwards: no phase, and every value knows the future. The ends within 50 ms are not to be used.
+/// Filters forwards and backwards: no phase, and every value knows the future. The ends within 50
+/// ms are not to be used.
 #[must_use]
 pub fn zero_phase(values: &[f64]) -> Vec<f64> {
     let mut out = values.to_vec();
@@ -60,8 +63,9 @@ pub fn zero_phase(values: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Derivative over eleven values, exact for polynomials up to order 4 (Holoborodko's smooth noise-robust differentiator,
-/// the publication's choice), per second. The five values at each end take the nearest full one.
+/// Derivative over eleven values, exact for polynomials up to order 4 (Holoborodko's smooth
+/// noise-robust differentiator, the publication's choice), per second. The five values at each end
+/// take the nearest full one.
 #[must_use]
 pub fn derivative(values: &[f64]) -> Vec<f64> {
     const WEIGHTS: [f64; 5] = [322.0, 256.0, 39.0, -32.0, -11.0];

@@ -6,11 +6,12 @@ use instrument_bench::{page, picture, results};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Estimates the torque at the jaw of da Vinci instruments from motor current and positions, on public measured data, and prints
-/// the errors.
+/// Estimates the torque at the jaw of da Vinci instruments from motor current and positions, on
+/// public measured data, and prints the errors.
 #[derive(Parser)]
 struct Options {
-    /// Clone of https://github.com/MRDLab/mis-tool-characterization (Open Database License), or its folder `data`.
+    /// Clone of https://github.com/MRDLab/mis-tool-characterization (Open Database License), or its
+    /// folder `data`.
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     /// Write the page into this file instead of printing it.

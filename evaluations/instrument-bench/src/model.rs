@@ -10,7 +10,8 @@ use nalgebra::DVector;
 
 /// Torque at the jaw from current and positions.
 ///
-/// Inputs of a sequence: current, A; spindle, rad; motor divided by the gear's ratio, rad; 1 kHz. Target: torque, mN·m.
+/// Inputs of a sequence: current, A; spindle, rad; motor divided by the gear's ratio, rad; 1 kHz.
+/// Target: torque, mN·m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bilinear {
     weights: DVector<f64>,

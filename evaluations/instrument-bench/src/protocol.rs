@@ -1,7 +1,9 @@
-//! Which rows count, and what is the truth: as in the publication (O'Neill, Stephens, Kowalewski, RA-L 2018).
+//! Which rows count, and what is the truth: as in the publication (O'Neill, Stephens, Kowalewski,
+//! RA-L 2018).
 //!
-//! The truth is the torque at the jaw after the zero-phase filter. Rows count while the jaw closes: the filtered speed of the spindle
-//! is at most -0.25 rad/s. The first and last second of a run don't count.
+//! The truth is the torque at the jaw after the zero-phase filter. Rows count while the jaw closes:
+//! the filtered speed of the spindle is at most -0.25 rad/s. The first and last second of a run
+//! don't count.
 
 use crate::data::{Row, Run, RATE_HZ};
 use crate::features::MEMORY;

@@ -13,7 +13,8 @@ pub enum Reference {
     Mean,
     /// The publication's three inputs, current, angle and speed, in a plane.
     Plane,
-    /// A lookup of the load by the mean current of the whole run, times a profile of the angle. It measures no torque: it recognises the run.
+    /// A lookup of the load by the mean current of the whole run, times a profile of the angle. It
+    /// measures no torque: it recognises the run.
     Lookup,
 }
 

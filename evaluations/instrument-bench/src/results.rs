@@ -18,7 +18,8 @@ pub const SET: &str = "Tool_4_Maryland_L_4";
 pub const OTHER: &str = "Tool_5_Maryland_L_3";
 /// Earlier sessions of both tools with four loads. Nothing was chosen on them.
 pub const EARLIER: [&str; 2] = ["Tool_4_Maryland_L_2", "Tool_5_Maryland_L_2"];
-/// Poses of the shaft of tool 4, five sets each: the words of the page and the beginning of the folder's name.
+/// Poses of the shaft of tool 4, five sets each: the words of the page and the beginning of the
+/// folder's name.
 const POSES: [(&str, &str); 2] = [
     ("roll", "Tool_4_Maryland_L_Roll_"),
     ("pitch", "Tool_4_Maryland_L_Pitch_"),
@@ -95,7 +96,8 @@ impl Set {
 pub struct Splits {
     /// Words of the table.
     pub words: String,
-    /// Random rows of the same runs, as in the publication: the test rows' neighbours are trained on.
+    /// Random rows of the same runs, as in the publication: the test rows' neighbours are trained
+    /// on.
     pub rows: Option<Figure>,
     /// One run left out.
     pub run: Figure,
@@ -125,11 +127,13 @@ pub struct Transfer {
     pub to: String,
     /// Without a correction, mN·m.
     pub raw_mnm: f64,
-    /// Names of the two files that a user would record: least load at the least speed, most load at the most speed.
+    /// Names of the two files that a user would record: least load at the least speed, most load at
+    /// the most speed.
     pub files: [String; 2],
     /// With the correction from these, mN·m, on all other files.
     pub corrected_mnm: f64,
-    /// With the correction from any two files whose loads differ by six steps or more (by the most there is), rising, mN·m.
+    /// With the correction from any two files whose loads differ by six steps or more (by the most
+    /// there is), rising, mN·m.
     pub any_two_mnm: Vec<f64>,
 }
 

@@ -158,7 +158,8 @@ impl Dealer {
 mod tests {
     use super::*;
 
-    /// Ten loads at two speeds: the truth is the load's number plus an offset that belongs to the run.
+    /// Ten loads at two speeds: the truth is the load's number plus an offset that belongs to the
+    /// run.
     fn runs(offset: impl Fn(u8, u8) -> f64) -> (Vec<Label>, Vec<Sums>) {
         let labels: Vec<Label> = (0..2).flat_map(|s| (0..10).map(move |l| (s, l))).collect();
         let sums = labels

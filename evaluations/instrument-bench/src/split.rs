@@ -1,4 +1,5 @@
-//! Which runs train and which test. Rows of one run never stand on both sides, but for the split by random rows, which is there to be compared.
+//! Which runs train and which test. Rows of one run never stand on both sides, but for the split by
+//! random rows, which is there to be compared.
 
 /// How runs are kept apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

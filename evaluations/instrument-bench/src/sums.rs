@@ -1,4 +1,5 @@
-//! Sums of products of regressors and truth. They add and subtract, so that every split is fitted and scored without reading rows again.
+//! Sums of products of regressors and truth. They add and subtract, so that every split is fitted
+//! and scored without reading rows again.
 
 use nalgebra::{DMatrix, DVector};
 use std::ops::{AddAssign, Range, SubAssign};
@@ -74,8 +75,8 @@ impl Sums {
         (self.square - 2.0 * weights.dot(&self.right) + explained).max(0.0)
     }
 
-    /// Weights of least squares with a penalty on the weights of regressors that are scaled to mean square 1, per row.
-    /// `None` without rows.
+    /// Weights of least squares with a penalty on the weights of regressors that are scaled to mean
+    /// square 1, per row. `None` without rows.
     #[must_use]
     pub fn ridge(&self, penalty: f64) -> Option<DVector<f64>> {
         let width = self.width();
@@ -96,8 +97,9 @@ impl Sums {
         Some(normal.cholesky()?.solve(&right).component_mul(&scale))
     }
 
-    /// Weights with a normal prior: mean 0, the standard deviations of the regressors' weights times the regressors are 1, and each row counts
-    /// `information` (the reciprocal of a variance).
+    /// Weights with a normal prior: mean 0, the standard deviations of the regressors' weights
+    /// times the regressors are 1, and each row counts `information` (the reciprocal of a
+    /// variance).
     #[must_use]
     pub fn posterior(&self, information: f64) -> Option<DVector<f64>> {
         let width = self.width();

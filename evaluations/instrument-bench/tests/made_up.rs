@@ -32,8 +32,8 @@ fn noise(seed: u64, n: u64) -> f64 {
     (x >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-/// Text of a run: the drive follows a sine; its current holds the load by the lever of the jaw, friction, and the inertia of the motor, whose
-/// speed has a ripple. `gain` is the tool's.
+/// Text of a run: the drive follows a sine; its current holds the load by the lever of the jaw,
+/// friction, and the inertia of the motor, whose speed has a ripple. `gain` is the tool's.
 fn run_text(speed: u8, level: u8, gain: f64) -> String {
     let mut text = String::from("%a header\n%with two lines\n");
     let omega = TAU * 0.1 * (f64::from(speed) + 2.0);

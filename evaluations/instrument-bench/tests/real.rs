@@ -1,4 +1,5 @@
-//! The goals on the real set, where it is: `RESIDUAL_PUBLIC_DATA` names a folder with a clone of it.
+//! The goals on the real set, where it is: `RESIDUAL_PUBLIC_DATA` names a folder with a clone of
+//! it.
 
 use instrument_bench::results::{transfer, Set, OTHER, SET};
 use instrument_bench::score::score;

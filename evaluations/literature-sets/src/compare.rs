@@ -26,9 +26,9 @@ const LOCAL_TRIES: usize = 16;
 /// Runs of a set that effects are compared on.
 const COMPARED_RUNS: usize = 2;
 
-/// Fits the effects that `effect.equivalences` names to the contribution of the effect in the first runs, with parameters
-/// found by a random search that may leave the documented ranges. The result is an upper bound: another search may leave
-/// less.
+/// Fits the effects that `effect.equivalences` names to the contribution of the effect in the first
+/// runs, with parameters found by a random search that may leave the documented ranges. The result
+/// is an upper bound: another search may leave less.
 pub(crate) fn compare(
     rig: &Rig,
     effect: &Effect,

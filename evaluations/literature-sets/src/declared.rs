@@ -8,8 +8,8 @@ pub const DEADBAND_RAD_S: f64 = 0.02;
 /// Velocity in rad/s that rounds the declared Coulomb friction.
 const FRICTION_ROUNDING_RAD_S: f64 = 0.2;
 
-/// A declared model, as the user of the rig has it. Its terms are smooth functions of the logged columns and are
-/// exactly true, so an empty set lacks nothing.
+/// A declared model, as the user of the rig has it. Its terms are smooth functions of the logged
+/// columns and are exactly true, so an empty set lacks nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Declared {
     /// The force as commanded.

@@ -103,8 +103,8 @@ fn surroundings(random: &mut Random, world: &mut World) {
     }
 }
 
-/// Velocity of the reel from an angle `from` on: pieces of all kinds, with limited acceleration and rounded corners;
-/// exactly 0 at rest.
+/// Velocity of the reel from an angle `from` on: pieces of all kinds, with limited acceleration and
+/// rounded corners; exactly 0 at rest.
 fn motion(random: &mut Random, steps: usize, dt: f64, limits: &Limits, from: f64) -> Vec<f64> {
     let mut reference = Vec::with_capacity(steps);
     let mut angle = from;
@@ -152,7 +152,8 @@ fn load(random: &mut Random, steps: usize, dt: f64, low: f64, high: f64) -> Vec<
     smooth(&slew(&reference, 40.0 * dt), (0.04 / dt) as usize)
 }
 
-/// A piece at random from a deck that holds each kind once, so that a run of a minute has all kinds.
+/// A piece at random from a deck that holds each kind once, so that a run of a minute has all
+/// kinds.
 fn next_piece(random: &mut Random, deck: &mut Vec<Piece>) -> Piece {
     if deck.is_empty() {
         deck.extend(PIECES);
@@ -252,8 +253,8 @@ fn slew(reference: &[f64], step: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Mean over a window of `width` steps and then again, which rounds corners to continuous acceleration. Less than 1e-9
-/// becomes 0: at rest the running sum leaves rounding errors.
+/// Mean over a window of `width` steps and then again, which rounds corners to continuous
+/// acceleration. Less than 1e-9 becomes 0: at rest the running sum leaves rounding errors.
 fn smooth(signal: &[f64], width: usize) -> Vec<f64> {
     let once = |signal: &[f64]| -> Vec<f64> {
         let mut sum = 0.0;
@@ -305,9 +306,10 @@ const VELOCITY: Column = Column(&[
 ]);
 
 impl Measured {
-    /// Reads each CSV file under a folder that has the columns for time, command and velocity: `time_s`; `command_n`
-    /// or `torque_cmd_nm`; `speed_rad_s` or `motor_speed_deg_s` (speed of the motor, before the 26:7 gear). Files with
-    /// other columns are passed over, as are logs shorter than 10 s.
+    /// Reads each CSV file under a folder that has the columns for time, command and velocity:
+    /// `time_s`; `command_n` or `torque_cmd_nm`; `speed_rad_s` or `motor_speed_deg_s` (speed of the
+    /// motor, before the 26:7 gear). Files with other columns are passed over, as are logs shorter
+    /// than 10 s.
     ///
     /// # Errors
     /// If the folder can't be read, a number is not a number, or no file fits.
@@ -340,9 +342,9 @@ impl Measured {
         self.logs.is_empty()
     }
 
-    /// A run with the motion and command of one log, from its start, at most `duration` s long, and the name of the
-    /// log's file. Between rows of the log the signals are linear; where the log stands still, so does the run.
-    /// Returns the duration that the log has.
+    /// A run with the motion and command of one log, from its start, at most `duration` s long, and
+    /// the name of the log's file. Between rows of the log the signals are linear; where the log
+    /// stands still, so does the run. Returns the duration that the log has.
     pub fn run(
         &self,
         index: usize,

@@ -5,8 +5,8 @@
 pub struct Basis(Vec<Vec<f64>>);
 
 impl Basis {
-    /// The basis of these columns, all of one length, by Gram-Schmidt with a second pass. A column that depends on
-    /// the others (less than 1e-9 of it is new) is left out.
+    /// The basis of these columns, all of one length, by Gram-Schmidt with a second pass. A column
+    /// that depends on the others (less than 1e-9 of it is new) is left out.
     pub fn new(columns: &[Vec<f64>]) -> Self {
         let mut basis = Self::default();
         columns.iter().for_each(|column| basis.add(column));

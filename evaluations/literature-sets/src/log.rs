@@ -22,7 +22,8 @@ pub struct Run {
     pub clean: Vec<f64>,
     /// Rows that were lost.
     pub rows_lost: usize,
-    /// Rows whose reading without noise lies outside 0 N to 15 N, where a real cable or cell would do something else.
+    /// Rows whose reading without noise lies outside 0 N to 15 N, where a real cable or cell would
+    /// do something else.
     pub rows_out_of_range: usize,
 }
 

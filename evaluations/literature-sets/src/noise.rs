@@ -33,7 +33,8 @@ impl Colour {
         tone_hz: 50.0,
     };
 
-    /// A random colour: always white noise, each other component with a probability of one half (tone: one fifth).
+    /// A random colour: always white noise, each other component with a probability of one half
+    /// (tone: one fifth).
     pub fn draw(random: &mut Random) -> Self {
         let white = random.uniform(0.3, 1.0);
         let autoregressive = if random.chance(0.5) {
@@ -77,9 +78,10 @@ impl Colour {
 
     /// Noise with the variance 1 in expectation, one value for each row.
     ///
-    /// The autoregressive part is stationary from its first value. The 1/f part is the sum of first-order processes of
-    /// equal variance whose time constants are octaves apart, a classical approximation (van der Ziel 1950; Barnes and
-    /// Jarvis 1971); its spectrum falls as 1/f from the inverse of the run's length to a quarter of the row rate.
+    /// The autoregressive part is stationary from its first value. The 1/f part is the sum of
+    /// first-order processes of equal variance whose time constants are octaves apart, a classical
+    /// approximation (van der Ziel 1950; Barnes and Jarvis 1971); its spectrum falls as 1/f from
+    /// the inverse of the run's length to a quarter of the row rate.
     pub fn generate(&self, rows: usize, rate_hz: f64, random: &mut Random) -> Vec<f64> {
         let mut noise = vec![0.0; rows];
         for x in &mut noise {

@@ -14,7 +14,8 @@ pub struct Parameter {
     pub value: f64,
     /// Lower and upper end of the documented range, in `unit`.
     pub typical: [f64; 2],
-    /// True for a parameter that carries the size: it is multiplied by the scale, and may leave `typical`.
+    /// True for a parameter that carries the size: it is multiplied by the scale, and may leave
+    /// `typical`.
     pub scaled: bool,
 }
 
@@ -56,7 +57,8 @@ impl Parameters {
         scaled
     }
 
-    /// The same parameters with one (by index) multiplied by a factor, or taken from `other` without a factor.
+    /// The same parameters with one (by index) multiplied by a factor, or taken from `other`
+    /// without a factor.
     pub fn with_changed(&self, index: usize, factor: Option<f64>, other: &Self) -> Self {
         let mut changed = self.clone();
         if let (Some(to), Some(from)) = (changed.0.get_mut(index), other.0.get(index)) {
@@ -175,8 +177,8 @@ impl<'a> Draw<'a> {
         self.push(name, unit, value, [-high, high], true)
     }
 
-    /// A parameter that carries the size and is `base` times a ratio, uniform in `[low, high]`. `base_typical` is the
-    /// range of the base.
+    /// A parameter that carries the size and is `base` times a ratio, uniform in `[low, high]`.
+    /// `base_typical` is the range of the base.
     pub fn scaled_ratio(
         &mut self,
         name: &'static str,

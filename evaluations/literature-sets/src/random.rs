@@ -9,8 +9,8 @@ use rand_distr::{Distribution, StandardNormal};
 pub struct Random(ChaCha8Rng);
 
 impl Random {
-    /// The stream with a label, of a seed. Streams with different labels are independent, so a new consumer does
-    /// not shift the numbers of the others.
+    /// The stream with a label, of a seed. Streams with different labels are independent, so a new
+    /// consumer does not shift the numbers of the others.
     pub fn new(seed: u64, label: &str) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(fnv1a(label.as_bytes()));
@@ -57,8 +57,8 @@ impl Random {
     }
 }
 
-/// FNV-1a hash of bytes, 64 bits (Fowler, Noll, Vo 1991). For stream labels and for the comparison of logs; not a
-/// cryptographic hash.
+/// FNV-1a hash of bytes, 64 bits (Fowler, Noll, Vo 1991). For stream labels and for the comparison
+/// of logs; not a cryptographic hash.
 pub fn fnv1a(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)

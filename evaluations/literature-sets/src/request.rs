@@ -16,7 +16,8 @@ pub struct Request {
     pub seed: u64,
     /// Effects that the declared model lacks; empty for an empty set.
     pub effects: Vec<&'static Effect>,
-    /// RMS of each effect after the best fit of the declared model, over the RMS of the noise. 0: nothing is missing.
+    /// RMS of each effect after the best fit of the declared model, over the RMS of the noise. 0:
+    /// nothing is missing.
     pub size: f64,
     /// Rows per second.
     pub rate_hz: f64,

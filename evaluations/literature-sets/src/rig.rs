@@ -76,7 +76,8 @@ impl<'a> Rig<'a> {
         difference(&self.readings(effects).concat(), &self.plain)
     }
 
-    /// The parameters scaled so that the declared model leaves `target_rms` N RMS of the effect, and what it leaves.
+    /// The parameters scaled so that the declared model leaves `target_rms` N RMS of the effect,
+    /// and what it leaves.
     pub fn scale_to(
         &self,
         effect: &Effect,
@@ -84,7 +85,8 @@ impl<'a> Rig<'a> {
         target_rms: f64,
         tolerance: f64,
     ) -> Result<(Parameters, Vec<f64>), String> {
-        // Nearly all effects are nearly proportional to the scale: false position in the logarithm, kept in a bracket.
+        // Nearly all effects are nearly proportional to the scale: false position in the logarithm,
+        // kept in a bracket.
         let (mut low, mut high): (f64, f64) = (0.0, f64::INFINITY);
         let mut scale = 1.0;
         let mut tries = 0;

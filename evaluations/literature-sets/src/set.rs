@@ -26,9 +26,11 @@ pub struct Missing {
     pub rms_n: f64,
     /// RMS of the effect alone without any fit, in N.
     pub raw_rms_n: f64,
-    /// RMS of what the declared model leaves of the readings with all effects, less the readings without this one, in N.
+    /// RMS of what the declared model leaves of the readings with all effects, less the readings
+    /// without this one, in N.
     pub marginal_rms_n: f64,
-    /// RMS of what the declared model and the best fit of the other missing effects leave of it, in N.
+    /// RMS of what the declared model and the best fit of the other missing effects leave of it, in
+    /// N.
     pub distinct_rms_n: f64,
     /// Other effects of the catalogue, fitted to this one.
     pub alike: Vec<Alike>,

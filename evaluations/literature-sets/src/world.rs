@@ -1,8 +1,8 @@
 //! One run of the rig on the fine time grid: what happens around the load cell.
 
-/// Signals of one run on a uniform grid with [`crate::steps_per_row`] steps for each row of the log. All have the
-/// same length. The grid starts before the first row and ends after the last one, because effects such as a delay
-/// need the signals there.
+/// Signals of one run on a uniform grid with [`crate::steps_per_row`] steps for each row of the
+/// log. All have the same length. The grid starts before the first row and ends after the last one,
+/// because effects such as a delay need the signals there.
 #[derive(Clone, Debug, Default)]
 pub struct World {
     /// Step of the grid in s.
@@ -55,7 +55,8 @@ impl World {
         interpolate(signal, (time - self.start) / self.dt)
     }
 
-    /// Angle from the velocity by the trapezoidal rule, with `angle[i] = at_zero` where the time is 0 s.
+    /// Angle from the velocity by the trapezoidal rule, with `angle[i] = at_zero` where the time is
+    /// 0 s.
     pub fn integrate_angle(&mut self, at_zero: f64) {
         self.angle = vec![0.0; self.velocity.len()];
         for i in 1..self.velocity.len() {

@@ -96,7 +96,8 @@ fn static_friction_of_armstrong_rises_with_the_dwell_time() {
         let peak = friction("armstrong", &p(1.0), &run)
             .into_iter()
             .fold(0.0, f64::max);
-        // The break takes fs/kt/v = 40 ms more at most, and the slip starts at a velocity of a quarter of vs.
+        // The break takes fs/kt/v = 40 ms more at most, and the slip starts at a velocity of a
+        // quarter of vs.
         let at_break = |t: f64| 0.35 + 0.25 * t / (t + 1.0);
         let slip = |fs: f64| 0.3 + (fs - 0.3) * (-(0.05 / 0.2_f64).powi(2)).exp();
         let (low, high) = (
@@ -169,7 +170,8 @@ fn maxwell_slip_settles_on_its_stribeck_curve() {
 
 #[test]
 fn maxwell_slip_obeys_masing() {
-    // With fs = fc the loop is rate-independent: the branch after a reversal is the virgin curve at twice the scale.
+    // With fs = fc the loop is rate-independent: the branch after a reversal is the virgin curve at
+    // twice the scale.
     let p = [
         ("fc", 0.5),
         ("fs", 0.5),

@@ -293,8 +293,9 @@ fn the_same_seed_gives_the_same_bytes() {
     assert_ne!(fnv1a(once.as_bytes()), fnv1a(other.as_bytes()));
 }
 
-/// Logs are the same in every build; another mathematics library may change them in the last digit. After an intended change of the generator, take the new number
-/// from the message; results of an analysis from before and after do not compare then.
+/// Logs are the same in every build; another mathematics library may change them in the last digit.
+/// After an intended change of the generator, take the new number from the message; results of an
+/// analysis from before and after do not compare then.
 #[test]
 fn logs_have_the_pinned_hash() {
     let logs: String = set(7, &["lugre", "delay"], 1.0)

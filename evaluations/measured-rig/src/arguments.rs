@@ -1,5 +1,5 @@
-//! The command line. Depends on the standard library alone, because `cargo xtask residual-report` includes this file to
-//! check the arguments before it builds anything.
+//! The command line. Depends on the standard library alone, because `cargo xtask residual-report`
+//! includes this file to check the arguments before it builds anything.
 
 use std::ffi::OsString;
 use std::path::PathBuf;

@@ -1,5 +1,6 @@
-//! Where the measured data of the thesis rig are, and in which layout. Depends on the standard library alone, because
-//! `cargo xtask residual-report` includes this file to look for the data before it builds anything.
+//! Where the measured data of the thesis rig are, and in which layout. Depends on the standard
+//! library alone, because `cargo xtask residual-report` includes this file to look for the data
+//! before it builds anything.
 //!
 //! The data are public but not part of this project. They come as CSV with named columns
 //! (`force_gauge/unitU_torqueT_compC.csv`) or as their author published them
@@ -73,8 +74,8 @@ impl Data {
         out
     }
 
-    /// The data in the folder given, else in the variable's, else in the first of [`FOLDERS`] that has
-    /// gauge records. Relative paths start at `base`.
+    /// The data in the folder given, else in the variable's, else in the first of [`FOLDERS`] that
+    /// has gauge records. Relative paths start at `base`.
     ///
     /// # Errors
     /// Where was looked, and how to get the data.

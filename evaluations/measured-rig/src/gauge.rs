@@ -61,8 +61,8 @@ pub(crate) fn all_rows(
     Ok(())
 }
 
-/// RMSE of the models on the rows in motion, at rest and before the first motion. `velocity` is in deg/s, `held`
-/// the sign of the last motion.
+/// RMSE of the models on the rows in motion, at rest and before the first motion. `velocity` is in
+/// deg/s, `held` the sign of the last motion.
 fn by_motion(velocity: &[f64], held: &[f64], models: [&Baseline; 3]) -> Vec<Vec<String>> {
     type Part = fn(f64, f64) -> bool;
     let parts: [(&str, Part); 3] = [

@@ -1,8 +1,8 @@
 //! The page on the measured data of the thesis rig: `cargo xtask residual-report`.
 //!
-//! Runs every analysis and writes the figures into the marked blocks of a page, so that no figure in it is
-//! typed by hand, and the plots into a folder beside it, named like the page. What the figures mean is the
-//! page's own text.
+//! Runs every analysis and writes the figures into the marked blocks of a page, so that no figure
+//! in it is typed by hand, and the plots into a folder beside it, named like the page. What the
+//! figures mean is the page's own text.
 //!
 //! | file | concern |
 //! |---|---|
@@ -35,8 +35,8 @@ use std::path::Path;
 /// Analyses the data and writes the page and its plots.
 ///
 /// # Errors
-/// Any [`Error`] of an analysis; [`Error::Io`] if the page cannot be read, lacks a block, or a file cannot
-/// be written. Then nothing is written.
+/// Any [`Error`] of an analysis; [`Error::Io`] if the page cannot be read, lacks a block, or a file
+/// cannot be written. Then nothing is written.
 pub fn write(data: &Data, path: &Path) -> Result<(), Error> {
     let page = Page::read(path)?;
     let mut out = page::Content::default();

@@ -13,8 +13,8 @@ pub const GAUGE_ORIGINAL: &str = include_str!("../models/gauge-original.toml");
 /// Closed-loop runs.
 pub const CLOSED_LOOP: &str = include_str!("../models/closed-loop.toml");
 
-/// A gauge model for the layout found; `sequences` is an expression that chooses the records by `comp`, the
-/// level of compensation.
+/// A gauge model for the layout found; `sequences` is an expression that chooses the records by
+/// `comp`, the level of compensation.
 ///
 /// # Errors
 /// [`Error::Model`] or [`Error::Expression`].

@@ -83,8 +83,8 @@ fn models_and_rivals(moving: &Moving) -> Result<String, Error> {
     ))
 }
 
-/// Effects that are tested by name, each added to the final model as declared terms. The Stribeck speed
-/// is given, so nothing here pays for a search.
+/// Effects that are tested by name, each added to the final model as declared terms. The Stribeck
+/// speed is given, so nothing here pays for a search.
 fn not_material(moving: &Moving) -> Result<String, Error> {
     let base = &[COULOMB, SHARE, "1"][..];
     let mut tested = Vec::new();

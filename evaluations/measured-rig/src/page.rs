@@ -1,5 +1,5 @@
-//! A page with marked blocks, `<!-- figures: NAME -->` to `<!-- end -->`, which are filled, and the folder of plots
-//! beside it.
+//! A page with marked blocks, `<!-- figures: NAME -->` to `<!-- end -->`, which are filled, and the
+//! folder of plots beside it.
 
 use residual::Error;
 use std::collections::BTreeMap;
@@ -35,7 +35,8 @@ impl Page {
     /// Writes the page with every block filled, and the plots into the folder named like the page.
     ///
     /// # Errors
-    /// [`Error::Io`] if the marks of the page are not those of the blocks, or a file cannot be written.
+    /// [`Error::Io`] if the marks of the page are not those of the blocks, or a file cannot be
+    /// written.
     pub fn write(self, content: &Content) -> Result<(), Error> {
         let text = fill(&self.text, &content.blocks).map_err(|why| io(&self.path, why))?;
         let folder = self.path.with_extension("");
@@ -62,7 +63,8 @@ fn io(path: &Path, why: impl ToString) -> Error {
     }
 }
 
-/// Puts every block between its marks. A mark without a block, or a block without a mark, is an error.
+/// Puts every block between its marks. A mark without a block, or a block without a mark, is an
+/// error.
 fn fill(text: &str, blocks: &BTreeMap<&'static str, String>) -> Result<String, String> {
     const OPEN: &str = "<!-- figures: ";
     const CLOSE: &str = "<!-- end -->";

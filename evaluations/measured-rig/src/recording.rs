@@ -1,9 +1,10 @@
 //! Closed-loop recordings of the rig in their original JSON layout.
 //!
 //! One object per run. `load_cell_forces`, `load_cell_force_times`, `tor_cmds`, `p_terms`,
-//! `i_terms`, `d_terms` and `setpoints` hold one list per unit (empty for idle units). Setpoints are
-//! logged at their own rate; they are aligned by position in the run, because the recordings have no better reference.
-//! The table has a column `unit` (from 1), which `input.sequence = ["unit"]` splits it by.
+//! `i_terms`, `d_terms` and `setpoints` hold one list per unit (empty for idle units). Setpoints
+//! are logged at their own rate; they are aligned by position in the run, because the recordings
+//! have no better reference. The table has a column `unit` (from 1), which
+//! `input.sequence = ["unit"]` splits it by.
 
 use residual::load::Table;
 use residual::Error;

@@ -1,4 +1,5 @@
-//! What the blocks of the page have in common: tables of models, parameters, folds and what is left.
+//! What the blocks of the page have in common: tables of models, parameters, folds and what is
+//! left.
 
 use residual::expr::Expr;
 use residual::spec::{Spec, Term};
@@ -122,8 +123,8 @@ pub(crate) fn parameters(r: &Report) -> String {
     out
 }
 
-/// The verdict, and what the analysis found beside the effects: effects that are not material and unexplained
-/// structure.
+/// The verdict, and what the analysis found beside the effects: effects that are not material and
+/// unexplained structure.
 pub(crate) fn rest(r: &Report) -> String {
     let mut out = format!("Verdict: `{}`. {}\n", r.verdict.word(), r.summary());
     let mut rows: Vec<Vec<String>> = r

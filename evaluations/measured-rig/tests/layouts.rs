@@ -89,7 +89,8 @@ fn a_closed_loop_recording_is_read() {
     let spec = Spec::parse(models::CLOSED_LOOP).unwrap();
     let loaded = from_tables(tables, &spec).unwrap();
     assert_eq!(loaded.folds(), ["a.json", "b.json"]);
-    // Unit 1 is idle. Forces are N as logged, commands a tenth of the mN·m; the rate of the setpoints is their own.
+    // Unit 1 is idle. Forces are N as logged, commands a tenth of the mN·m; the rate of the
+    // setpoints is their own.
     let column = |name: &str| loaded.frame().column(name).unwrap()[30..40].to_vec();
     let of = |f: &dyn Fn(u32) -> f64| (30..40).map(f).collect::<Vec<f64>>();
     assert_eq!(column("target"), of(&|i| f64::from(i * i)));

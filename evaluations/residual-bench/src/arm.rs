@@ -1,5 +1,5 @@
-//! Joints of an arm: friction, weights over one and two angles, inertia, in motions that let other forms take
-//! their shape.
+//! Joints of an arm: friction, weights over one and two angles, inertia, in motions that let other
+//! forms take their shape.
 
 use rayon::prelude::*;
 use residual::spec::Spec;
@@ -27,7 +27,8 @@ expr = "1"
 unit = "N·m"
 "#;
 
-/// Names that are right: a payload is a weight and its inertia, and friction that stays at rest is dry friction.
+/// Names that are right: a payload is a weight and its inertia, and friction that stays at rest is
+/// dry friction.
 const RIGHT: [EffectKind; 5] = [
     EffectKind::Coulomb,
     EffectKind::Presliding,
@@ -60,7 +61,8 @@ impl Outcome {
     }
 }
 
-/// The sets of some seeds: each motion, each joint, 0.03 to 150 N·m, a wide and a short arc, little and much noise.
+/// The sets of some seeds: each motion, each joint, 0.03 to 150 N·m, a wide and a short arc, little
+/// and much noise.
 #[must_use]
 pub fn recipes(seeds: RangeInclusive<u64>) -> Vec<Recipe> {
     let mut out = Vec::new();

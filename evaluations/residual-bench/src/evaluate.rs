@@ -7,8 +7,8 @@ use residual::{Data, Report};
 use std::time::Instant;
 use synthetic_sets::{Kind, Log, Set};
 
-/// The declared model that the analysis gets: columns, units, and *force = command*. The speed has a noise of
-/// 0.01 rad/s in motion, so three times that is standstill.
+/// The declared model that the analysis gets: columns, units, and *force = command*. The speed has
+/// a noise of 0.01 rad/s in motion, so three times that is standstill.
 pub const MODEL: &str = r#"
 title = "Undeclared effect"
 
@@ -82,12 +82,13 @@ impl Outcome {
     }
 }
 
-/// Seconds of a hold-out group, and the most folds: what [`MODEL`] asks for and the analysis's default.
+/// Seconds of a hold-out group, and the most folds: what [`MODEL`] asks for and the analysis's
+/// default.
 const BLOCK_S: f64 = 10.0;
 const FOLDS: usize = 10;
 
-/// The set as the analysis loads it from files with [`MODEL`]: values as a CSV file holds them, blocks of time
-/// dealt to folds in turn.
+/// The set as the analysis loads it from files with [`MODEL`]: values as a CSV file holds them,
+/// blocks of time dealt to folds in turn.
 ///
 /// # Errors
 /// The analysis's own: no set should lead to one.
@@ -127,8 +128,8 @@ pub fn load(set: &Set) -> Result<Data, residual::Error> {
         .build()
 }
 
-/// Writes a set's logs and [`MODEL`] into a folder of its own under `folder`, to analyse it by hand:
-/// `forcectl residual --data FOLDER --model FOLDER/model.toml --out OUT`.
+/// Writes a set's logs and [`MODEL`] into a folder of its own under `folder`, to analyse it by
+/// hand: `forcectl residual --data FOLDER --model FOLDER/model.toml --out OUT`.
 ///
 /// # Errors
 /// When a file can't be written.

@@ -2,15 +2,17 @@
 //!
 //! A name is right only if it is the true effect's own name, with one exception:
 //!
-//! * `hysteresis` of the generator is Dahl's formula over the cable's travel, with a turning distance of 3 to
-//!   8 mm. The catalogue has the same formula twice, as `hysteresis` (`loop of position`) and, for turning
-//!   distances that are short against the range, as `presliding` (`elastic turn`). Either name is right.
+//! * `hysteresis` of the generator is Dahl's formula over the cable's travel, with a turning
+//!   distance of 3 to 8 mm. The catalogue has the same formula twice, as `hysteresis`
+//!   (`loop of position`) and, for turning distances that are short against the range, as
+//!   `presliding` (`elastic turn`). Either name is right.
 //!
-//! In particular `coulomb` called `load_dependent_coulomb` is wrong, and so is the reverse; `presliding` (the
-//! friction of the whole log that keeps its direction at rest) called `coulomb` is wrong.
+//! In particular `coulomb` called `load_dependent_coulomb` is wrong, and so is the reverse;
+//! `presliding` (the friction of the whole log that keeps its direction at rest) called `coulomb`
+//! is wrong.
 //!
-//! `not_identifiable` is not right either: it has its own column where the true effect is among the effects it
-//! lists first, and counts as wrong where it is not.
+//! `not_identifiable` is not right either: it has its own column where the true effect is among the
+//! effects it lists first, and counts as wrong where it is not.
 
 use residual::{Effect, EffectKind, Form, Report, Verdict};
 use std::collections::BTreeMap;
@@ -83,7 +85,8 @@ pub fn class(report: &Report, kinds: &[Kind], uncatalogued: bool) -> Class {
     }
 }
 
-/// Column of the confusion table: the first effect named, or the verdict where none counts as named.
+/// Column of the confusion table: the first effect named, or the verdict where none counts as
+/// named.
 #[must_use]
 pub fn answer(report: &Report) -> String {
     match report.verdict {
@@ -114,12 +117,12 @@ impl Estimate {
     }
 }
 
-/// Parameters of a found effect beside the true ones. A parameter that the found form does not have is
-/// 100 % off.
+/// Parameters of a found effect beside the true ones. A parameter that the found form does not have
+/// is 100 % off.
 ///
-/// The phase of a ripple is left out (a share of an angle means nothing). The generator's friction and
-/// inertia are positive where they oppose motion; the analysis gives the coefficient of the velocity's
-/// sign, the velocity or the acceleration, which is then negative.
+/// The phase of a ripple is left out (a share of an angle means nothing). The generator's friction
+/// and inertia are positive where they oppose motion; the analysis gives the coefficient of the
+/// velocity's sign, the velocity or the acceleration, which is then negative.
 #[must_use]
 pub fn estimates(truth: &True, found: &Effect) -> Vec<Estimate> {
     let get = |name: &str| found.params.get(name).copied().unwrap_or(0.0);

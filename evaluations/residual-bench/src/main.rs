@@ -1,4 +1,5 @@
-//! `residual-bench`: runs the benchmark and prints the tables. `cargo xtask residual-bench` builds and starts it.
+//! `residual-bench`: runs the benchmark and prints the tables. `cargo xtask residual-bench` builds
+//! and starts it.
 
 use evaluation::clap::{self, Parser};
 use evaluation::{command_line, seeds, write, Progress};

@@ -1,5 +1,5 @@
-//! Rates beside their targets, what was answered, and the closing summary. The text is Markdown, so that the
-//! terminal and the page in `docs` show the same.
+//! Rates beside their targets, what was answered, and the closing summary. The text is Markdown, so
+//! that the terminal and the page in `docs` show the same.
 
 use crate::case::{Group, STRENGTHS};
 use crate::evaluate::Outcome;
@@ -273,7 +273,8 @@ pub fn rates(all: &[Outcome]) -> Vec<Rate> {
     out
 }
 
-/// What was answered in sets of one truth: what is right in each set is told in one line, the rest in a table.
+/// What was answered in sets of one truth: what is right in each set is told in one line, the rest
+/// in a table.
 fn answers(title: &str, outcomes: &[&Outcome]) -> String {
     // In the order in which the sets were made.
     let mut rows: Vec<(String, Vec<&Outcome>)> = Vec::new();
@@ -309,7 +310,8 @@ fn answers(title: &str, outcomes: &[&Outcome]) -> String {
     out
 }
 
-/// How often each effect was named first, or each verdict given; effects in the order of the catalogue.
+/// How often each effect was named first, or each verdict given; effects in the order of the
+/// catalogue.
 fn counts(sets: &[&Outcome]) -> String {
     let order = residual::names();
     let mut counts: BTreeMap<(usize, &str), usize> = BTreeMap::new();

@@ -73,7 +73,8 @@ fn violations(graph: &Graph) -> Vec<String> {
                 .filter(|to| **to != from && reached.contains(**to))
                 .map(|to| format!("{from} depends on {to}")),
         );
-        // The generator depends on no package of the project, so that it shares no constant with the analysis.
+        // The generator depends on no package of the project, so that it shares no constant with
+        // the analysis.
         if from == "synthetic-sets" {
             out.extend(reached.iter().map(|to| format!("synthetic-sets uses {to}")));
         }

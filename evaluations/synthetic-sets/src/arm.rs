@@ -1,8 +1,8 @@
-//! Logs of a joint of an arm with two joints: dry friction, weights, inertia, and motions in which other
-//! forms take their shape.
+//! Logs of a joint of an arm with two joints: dry friction, weights, inertia, and motions in which
+//! other forms take their shape.
 //!
-//! Textbook rigid-body terms: the outer joint carries a weight over the sum of both angles, the inner one
-//! also a weight over its own.
+//! Textbook rigid-body terms: the outer joint carries a weight over the sum of both angles, the
+//! inner one also a weight over its own.
 
 use crate::set::normal;
 use rand::{Rng, RngExt, SeedableRng};

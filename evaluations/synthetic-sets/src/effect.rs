@@ -1,15 +1,15 @@
 //! The undeclared effects: each adds a force to what the command alone would give.
 //!
 //! `size` is the one number that is scaled until the effect has the given RMS; the other parameters
-//! (a time constant, an order, a frequency) are drawn. Signs follow the rig: friction opposes winding in,
-//! so it lowers the force while the reel winds in.
+//! (a time constant, an order, a frequency) are drawn. Signs follow the rig: friction opposes
+//! winding in, so it lowers the force while the reel winds in.
 
 use crate::excitation::{Drive, SHAFT_RAD_PER_M, STEP_S};
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
-/// What kind of effect is hidden in a set. The first block has names that a catalogue of physical effects
-/// would know; the next four are in no catalogue. The last four are a part of one that is.
+/// What kind of effect is hidden in a set. The first block has names that a catalogue of physical
+/// effects would know; the next four are in no catalogue. The last four are a part of one that is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[allow(missing_docs)] // the table in `physics` says what each one does
 pub enum Kind {
@@ -74,9 +74,9 @@ impl Kind {
         Self::Telegraph,
     ];
 
-    /// Effects as real drives have them, of which a catalogue has the pure form: a delay that a part of the
-    /// load has, a change of slope that is no corner, one with a corner of its own in each log, and a friction
-    /// that is smaller at low speed instead of larger.
+    /// Effects as real drives have them, of which a catalogue has the pure form: a delay that a
+    /// part of the load has, a change of slope that is no corner, one with a corner of its own in
+    /// each log, and a friction that is smaller at low speed instead of larger.
     pub const IMPURE: [Self; 4] = [
         Self::PartialDelay,
         Self::SoftKink,
@@ -238,7 +238,8 @@ impl Effect {
         (mixed >> 40) as f64 / (1u64 << 24) as f64
     }
 
-    /// Force that the effect adds at step `k`, given the commands so far (`commands[k]` the newest).
+    /// Force that the effect adds at step `k`, given the commands so far (`commands[k]` the
+    /// newest).
     fn force(&self, memory: &mut Memory, k: usize, drive: &Drive, commands: &[f64]) -> f64 {
         let (t, speed, load) = (k as f64 * STEP_S, drive.speed_m_s[k], commands[k]);
         let sign = if speed == 0.0 { 0.0 } else { speed.signum() };
@@ -288,8 +289,8 @@ impl Effect {
             }
             Kind::Telegraph => {
                 if t >= memory.next_flip {
-                    // A multiplicative congruential step: the log's generator stays untouched. Each log
-                    // has its own sequence, chosen by the setpoint at the start.
+                    // A multiplicative congruential step: the log's generator stays untouched. Each
+                    // log has its own sequence, chosen by the setpoint at the start.
                     memory.noise = (memory.noise ^ self.seed ^ drive.setpoint_n[0].to_bits())
                         .wrapping_mul(6_364_136_223_846_793_005)
                         .wrapping_add(1);
@@ -337,7 +338,8 @@ impl<'a> AtWork<'a> {
     }
 }
 
-/// Sets `size` so that the effect's RMS over these drives, with the setpoint as command, is `rms_n`.
+/// Sets `size` so that the effect's RMS over these drives, with the setpoint as command, is
+/// `rms_n`.
 pub fn scale(effect: &mut Effect, drives: &[Drive], rms_n: f64) {
     let rms = |size: f64| {
         let sized = [Effect {

@@ -53,8 +53,8 @@ impl Waves {
 }
 
 /// Draws the signals of one log of `seconds`. The reel runs in both directions at many speeds and
-/// stops now and then, as in the gauge records of the thesis; forces stay between 1 and 10 N. The lines of
-/// its path lie in `path_hz`.
+/// stops now and then, as in the gauge records of the thesis; forces stay between 1 and 10 N. The
+/// lines of its path lie in `path_hz`.
 pub fn draw(rng: &mut impl Rng, seconds: f64, path_hz: (f64, f64)) -> Drive {
     let n = (seconds / STEP_S) as usize;
     let path_sd = 0.02 * rng.random_range(0.7..1.4);

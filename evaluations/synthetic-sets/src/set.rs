@@ -1,4 +1,5 @@
-//! Puts a set together: several logs of one rig with the same undeclared effects, usually in all of them.
+//! Puts a set together: several logs of one rig with the same undeclared effects, usually in all of
+//! them.
 
 use crate::effect::{scale, AtWork, Effect, Kind};
 use crate::excitation::{draw, Drive, SHAFT_RAD_PER_M, STEP_S};

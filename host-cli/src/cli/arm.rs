@@ -13,7 +13,8 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// Runs the command. The rig's service sends the setpoints: the board stops 100 ms after they cease.
+    /// Runs the command. The rig's service sends the setpoints: the board stops 100 ms after they
+    /// cease.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
         self.connection.require_rig_file(&rig)?;

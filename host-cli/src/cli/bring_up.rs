@@ -1,4 +1,5 @@
-//! `forcectl bring-up`: leads through the first power-up of a rig, and names the mistakes of its wiring.
+//! `forcectl bring-up`: leads through the first power-up of a rig, and names the mistakes of its
+//! wiring.
 
 use super::calibrate::guide::{ask_while, Answer as Typed};
 use super::connection::{Connection, EMBEDDED};
@@ -69,7 +70,8 @@ pub struct BringUp {
     yes: bool,
     #[command(flatten)]
     connection: Connection,
-    /// Wire the embedded rig wrongly, for example exchange-motors=1:4@start; repeatable. `--inject help` lists the faults
+    /// Wire the embedded rig wrongly, for example exchange-motors=1:4@start; repeatable.
+    /// `--inject help` lists the faults
     #[arg(long, value_name = "WHAT@start", help_heading = EMBEDDED, value_parser = session::inject::parse, allow_hyphen_values = true)]
     inject: Vec<(f64, Injection)>,
 }

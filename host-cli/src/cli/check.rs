@@ -1,4 +1,5 @@
-//! `forcectl check`: checks a rig file and whether its cables can hold zero force, or prints the built-in file.
+//! `forcectl check`: checks a rig file and whether its cables can hold zero force, or prints the
+//! built-in file.
 
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;

@@ -1,7 +1,8 @@
 //! Options of the commands that talk to a rig, and the connection that they describe.
 //!
-//! A rig is reached in one of three ways ([`Target`]): through the service that owns its link (`forcectl rig` or `forcectl
-//! serve`; the latter is started on demand), directly, or as an embedded rig that lives as long as the command.
+//! A rig is reached in one of three ways ([`Target`]): through the service that owns its link
+//! (`forcectl rig` or `forcectl serve`; the latter is started on demand), directly, or as an
+//! embedded rig that lives as long as the command.
 
 use super::exit::{self, Failure, Result};
 use super::Context;
@@ -30,8 +31,9 @@ const DEFAULT_SEED: u64 = 1;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Connection")]
 pub struct Existing {
-    /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps, embedded for one of the
-    /// command's own, or fast for one without the emulated controller [default: a rig that is kept, else the rig file's]
+    /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps,
+    /// embedded for one of the command's own, or fast for one without the emulated controller
+    /// [default: a rig that is kept, else the rig file's]
     #[arg(long, value_name = "LINK", value_parser = values::link)]
     pub link: Option<LinkChoice>,
     /// Rig file (TOML) [default: that of the rig's service, else the built-in example rig]
@@ -107,8 +109,8 @@ impl New {
 }
 
 impl Existing {
-    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
-    /// where the link leads elsewhere.
+    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses
+    /// options of the embedded rig where the link leads elsewhere.
     fn load_with(&self, new: &New, embedded: &[(&str, bool)], context: &Context) -> Result<Rig> {
         let given = match &self.rig {
             Some(path) => Rig::load(path),
@@ -162,8 +164,8 @@ impl Existing {
         Ok((given, "given or built in".to_owned()))
     }
 
-    /// Refuses to drive a real rig with the geometry and limits of the built-in example. A rig file that `--rig` names is
-    /// the user's own, whatever it says.
+    /// Refuses to drive a real rig with the geometry and limits of the built-in example. A rig file
+    /// that `--rig` names is the user's own, whatever it says.
     pub fn require_rig_file(&self, rig: &Rig) -> Result<()> {
         let port = self.choice(rig);
         let real = match port {
@@ -229,8 +231,8 @@ impl Existing {
         }
     }
 
-    /// How the rig is reached. Without `--link`, an embedded rig that is kept comes before one of the command's own;
-    /// options of a new rig ask for a new one.
+    /// How the rig is reached. Without `--link`, an embedded rig that is kept comes before one of
+    /// the command's own; options of a new rig ask for a new one.
     fn target(&self, new: &New, rig: &Rig) -> Target {
         match self.choice(rig) {
             LinkChoice::Fast => Target::Own,
@@ -242,7 +244,8 @@ impl Existing {
         }
     }
 
-    /// Refuses options that only an embedded rig of the command's own has, where the link leads elsewhere.
+    /// Refuses options that only an embedded rig of the command's own has, where the link leads
+    /// elsewhere.
     fn only_embedded(&self, rig: &Rig, options: &[(&str, bool)]) -> Result<()> {
         let choice = self.choice(rig);
         let fixed = matches!(choice, LinkChoice::Embedded | LinkChoice::Fast);
@@ -278,8 +281,8 @@ impl Existing {
         self.open_run(new, role, rig, 0, context)
     }
 
-    /// The same for a command that opens it several times: `run` counts from 0. An emulated rig of the command's own draws its
-    /// noise anew for each, as a real one has it.
+    /// The same for a command that opens it several times: `run` counts from 0. An emulated rig of
+    /// the command's own draws its noise anew for each, as a real one has it.
     fn open_run(
         &self,
         new: &New,
@@ -361,7 +364,8 @@ impl Existing {
         super::serve::connect(name, start.as_ref(), self.rig.as_deref(), context).map(Some)
     }
 
-    /// The client of the service, after [`Existing::load`]; `None` where the rig is reached in another way.
+    /// The client of the service, after [`Existing::load`]; `None` where the rig is reached in
+    /// another way.
     #[cfg(unix)]
     pub fn client(&self, context: &Context) -> Option<Client> {
         let client = self.client.borrow_mut().take()?;
@@ -373,7 +377,8 @@ impl Existing {
         Some(client)
     }
 
-    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses where no rig exists.
+    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses
+    /// where no rig exists.
     pub fn load(&self, context: &Context) -> Result<Rig> {
         let rig = self.load_with(&New::default(), &[], context)?;
         if self.target(&New::default(), &rig) != Target::Own {
@@ -399,7 +404,8 @@ impl Existing {
         self.zeroing.borrow().clone()
     }
 
-    /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a controlled stop.
+    /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a
+    /// controlled stop.
     pub fn with_session<T>(
         &self,
         role: Role,
@@ -436,7 +442,8 @@ impl Connection {
         self.at.device_id(rig)
     }
 
-    /// As [`Existing::require_unchanged`], with the rig file as it was loaded. Call it after [`Connection::load`].
+    /// As [`Existing::require_unchanged`], with the rig file as it was loaded. Call it after
+    /// [`Connection::load`].
     pub fn require_unchanged(&self, rig: &Rig, context: &Context) -> Result<()> {
         self.at.require_unchanged(rig, self.seed(rig), context)
     }
@@ -451,19 +458,20 @@ impl Connection {
         self.at.require_rig_file(rig)
     }
 
-    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
-    /// where the link leads elsewhere.
+    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses
+    /// options of the embedded rig where the link leads elsewhere.
     pub fn load(&self, context: &Context) -> Result<Rig> {
         self.load_for(context, &[])
     }
 
-    /// The same for a command with more options that only the embedded rig has (name, whether it was given). They are
-    /// checked before anything is opened.
+    /// The same for a command with more options that only the embedded rig has (name, whether it
+    /// was given). They are checked before anything is opened.
     pub fn load_for(&self, context: &Context, embedded: &[(&str, bool)]) -> Result<Rig> {
         self.at.load_with(&self.new, embedded, context)
     }
 
-    /// The client of the service, after [`Connection::load`]; `None` where the rig is reached in another way.
+    /// The client of the service, after [`Connection::load`]; `None` where the rig is reached in
+    /// another way.
     #[cfg(unix)]
     pub fn client(&self, context: &Context) -> Option<Client> {
         self.at.client(context)
@@ -474,26 +482,27 @@ impl Connection {
         self.open_again(rig, 0, context)
     }
 
-    /// The same for run `run` (from 0) of a command that opens it several times: runs of an emulated rig of its own differ as
-    /// repetitions on a real one do.
+    /// The same for run `run` (from 0) of a command that opens it several times: runs of an
+    /// emulated rig of its own differ as repetitions on a real one do.
     pub fn open_again(&self, rig: &Rig, run: u64, context: &Context) -> Result<Box<dyn RigLink>> {
         self.at
             .open_run(&self.new, Role::Commander, rig, run, context)
     }
 
-    /// Where the zeros of a run come from: a rig that was just booted measures them, any other keeps its own. Call it after
-    /// [`Connection::open`].
+    /// Where the zeros of a run come from: a rig that was just booted measures them, any other
+    /// keeps its own. Call it after [`Connection::open`].
     pub fn zeroing(&self) -> Zeroing {
         self.at.zeroing()
     }
 
-    /// Seed of the emulated rig that this leads to; `None` for a board. Call it after [`Connection::load`].
+    /// Seed of the emulated rig that this leads to; `None` for a board. Call it after
+    /// [`Connection::load`].
     pub fn seed(&self, rig: &Rig) -> Option<u64> {
         self.at.seed(&self.new, rig)
     }
 
-    /// The rig with its stored calibration in place of the rig file's numbers, where there is one. Call it after
-    /// [`Connection::load`].
+    /// The rig with its stored calibration in place of the rig file's numbers, where there is one.
+    /// Call it after [`Connection::load`].
     pub fn calibrated(&self, rig: Rig, context: &Context) -> Result<Rig> {
         let seed = self.seed(&rig);
         let rig = base::with_calibration(rig, seed)?;
@@ -513,7 +522,8 @@ impl Connection {
         self.new.paced
     }
 
-    /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a controlled stop.
+    /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a
+    /// controlled stop.
     pub fn with_session<T>(
         &self,
         role: Role,
@@ -581,8 +591,8 @@ pub fn booted_here(session: &mut Session<'_>) -> bool {
     session.link().booted_here()
 }
 
-/// Configures a freshly booted embedded rig with the rig file, so that its units have values to show. A rig that was there
-/// before is left as it is.
+/// Configures a freshly booted embedded rig with the rig file, so that its units have values to
+/// show. A rig that was there before is left as it is.
 pub fn configure_embedded(session: &mut Session<'_>, rig: &Rig) -> Result<()> {
     if booted_here(session) {
         session.stage_board(rig.controller.board_config())?;

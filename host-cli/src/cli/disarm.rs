@@ -16,8 +16,8 @@ pub struct Disarm {
 }
 
 impl Disarm {
-    /// Runs the command, which ends when the motors are at 0 V. It ends what `forcectl arm` began; a program that
-    /// commands the rig itself is not interrupted.
+    /// Runs the command, which ends when the motors are at 0 V. It ends what `forcectl arm` began;
+    /// a program that commands the rig itself is not interrupted.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         self.connection.load(context)?;
         #[cfg(unix)]

@@ -1,5 +1,5 @@
-//! Every command line of `forcectl` in the pages of the root folder and docs/, and in the program's own help, is one that
-//! the parser takes. The changelog may name options of earlier versions.
+//! Every command line of `forcectl` in the pages of the root folder and docs/, and in the program's
+//! own help, is one that the parser takes. The changelog may name options of earlier versions.
 
 use super::Cli;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 struct Line {
     place: String,
     text: String,
-    /// A line of its own, to be typed as it is. In a sentence a line may lack required arguments and values.
+    /// A line of its own, to be typed as it is. In a sentence a line may lack required arguments
+    /// and values.
     to_type: bool,
 }
 

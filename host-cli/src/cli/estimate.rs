@@ -70,7 +70,8 @@ struct DataArgs {
     /// Rows per second; the data's rate is a multiple of it
     #[arg(long, value_name = "HZ", default_value = "50")]
     rate: f64,
-    /// Mapping file (TOML) for logs other than an experiment's dataset: columns, factors to SI units
+    /// Mapping file (TOML) for logs other than an experiment's dataset: columns, factors to SI
+    /// units
     #[arg(long, value_name = "FILE")]
     mapping: Option<PathBuf>,
 }
@@ -80,7 +81,8 @@ struct DataArgs {
 struct Train {
     /// Folder of an experiment or of logs, or a log
     data: PathBuf,
-    /// Model: zero, mean, linear, trees, physics or hybrid; with `--features networks` also mlp, gru, lstm, convolution, carried-gru
+    /// Model: zero, mean, linear, trees, physics or hybrid; with `--features networks` also mlp,
+    /// gru, lstm, convolution, carried-gru
     #[arg(long, value_name = "NAME", default_value = "hybrid", value_parser = kind)]
     model: Kind,
     /// Model file to write; its card lies beside it
@@ -156,7 +158,8 @@ struct Recalibrate {
     mapping: Option<PathBuf>,
 }
 
-/// Measured force above which a log is not of free motion, N RMS: some times the noise of the load cells.
+/// Measured force above which a log is not of free motion, N RMS: some times the noise of the load
+/// cells.
 const FREE_N: f64 = 0.2;
 
 impl Recalibrate {

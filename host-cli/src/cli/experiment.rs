@@ -1,4 +1,5 @@
-//! `forcectl experiment`: trials with a moving robot and a known force, and the dataset that comes out.
+//! `forcectl experiment`: trials with a moving robot and a known force, and the dataset that comes
+//! out.
 
 use super::exit::{self, Failure, Reply, Result};
 use super::output::{path_json, Output};
@@ -73,7 +74,8 @@ struct Run {
     /// Every N-th trial, beginning with the I-th
     #[arg(long, value_name = "I/N", default_value = "1/1")]
     trial: Shard,
-    /// Go on after a break: trials that are done stay, one that was broken off is marked and repeated
+    /// Go on after a break: trials that are done stay, one that was broken off is marked and
+    /// repeated
     #[arg(long)]
     resume: bool,
     /// Link where the robot is not virtual; otherwise that of the rig file
@@ -141,7 +143,8 @@ impl Run {
         };
         let rig = experiment.load_rig().map_err(ExperimentError::from)?;
         let link = self.link.clone().unwrap_or_else(|| rig.link.clone());
-        // A trial on an emulated rig has a seed of its own: another rig, of which nothing is stored.
+        // A trial on an emulated rig has a seed of its own: another rig, of which nothing is
+        // stored.
         let emulated = matches!(link, LinkChoice::Embedded | LinkChoice::Fast);
         let rig = if emulated {
             rig
@@ -194,7 +197,8 @@ impl Run {
     }
 }
 
-/// Zeros of a rig that boots with the command are measured, those of a rig that stays powered are kept.
+/// Zeros of a rig that boots with the command are measured, those of a rig that stays powered are
+/// kept.
 fn zeroing(link: &LinkChoice, rig: &Rig) -> Zeroing {
     match link {
         LinkChoice::Embedded | LinkChoice::Fast => Zeroing::Measure,

@@ -12,7 +12,8 @@ use wire::UNITS;
 /// Arguments of `hold`.
 #[derive(Debug, Args)]
 pub struct Hold {
-    /// Tensions of units 1 to 6 in N [default: zero force at the tip with the least tensions of the rig file]
+    /// Tensions of units 1 to 6 in N
+    /// [default: zero force at the tip with the least tensions of the rig file]
     #[arg(long, value_name = "N", num_args = UNITS, value_parser = values::newton)]
     tension: Option<Vec<f64>>,
     /// End after this time [default: at Ctrl-C]

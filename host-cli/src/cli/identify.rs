@@ -1,4 +1,5 @@
-//! `forcectl identify`: finds what the rig file lacks on this rig, corrects it, and measures whether that is better.
+//! `forcectl identify`: finds what the rig file lacks on this rig, corrects it, and measures
+//! whether that is better.
 
 use super::connection::Connection;
 use super::exit::{self, Failure, Reply, Result};
@@ -128,7 +129,8 @@ impl Identify {
         self.connection.open_again(rig, run, context)
     }
 
-    /// Holds the force in a session of its own. A fault 45 that ended it is an error, unless it may be cleared.
+    /// Holds the force in a session of its own. A fault 45 that ended it is an error, unless it may
+    /// be cleared.
     fn hold(&self, context: &Context, force_n: [f64; 3], run: Run<'_>) -> Result<Held> {
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.open(run.rig, context)?;
@@ -151,8 +153,9 @@ impl Identify {
         Ok(held?)
     }
 
-    /// Drives the cables with the loops open, and records it. A drive whose gain is far off is implausible where it pulls
-    /// most: where that may be cleared, it is driven again with the smallest commands.
+    /// Drives the cables with the loops open, and records it. A drive whose gain is far off is
+    /// implausible where it pulls most: where that may be cleared, it is driven again with the
+    /// smallest commands.
     fn drive(&self, context: &Context, rig: &Rig) -> Result<identify::Recording> {
         let note = |text: &str| context.output.note(text);
         note("session 2: driving the cables for the analysis");
@@ -168,7 +171,8 @@ impl Identify {
         }
     }
 
-    /// A session with this part of the largest swing; within, a fault 45 that ended it and was cleared.
+    /// A session with this part of the largest swing; within, a fault 45 that ended it and was
+    /// cleared.
     fn drive_once(
         &self,
         context: &Context,
@@ -201,7 +205,8 @@ impl Identify {
         }
     }
 
-    /// Prints the report, then writes it with plot and figures. A file that cannot be written costs only itself.
+    /// Prints the report, then writes it with plot and figures. A file that cannot be written costs
+    /// only itself.
     fn report(&self, context: &Context, trial: &Trial, name: &str) -> Result<Reply> {
         if !context.output.json() {
             let report = trial.markdown(name);

@@ -1,8 +1,9 @@
-//! Ctrl-C, SIGTERM and SIGHUP. All three act alike, and every command that they end exits with 130. A SIGHUP that is
-//! ignored at the start, as under `nohup`, stays ignored.
+//! Ctrl-C, SIGTERM and SIGHUP. All three act alike, and every command that they end exits with 130.
+//! A SIGHUP that is ignored at the start, as under `nohup`, stays ignored.
 //!
-//! While nothing is driven, the first signal ends the program. While a link is open, the first signal requests a
-//! controlled stop of the command, and the second ends the program: a board without setpoints goes to 0 V by itself.
+//! While nothing is driven, the first signal ends the program. While a link is open, the first
+//! signal requests a controlled stop of the command, and the second ends the program: a board
+//! without setpoints goes to 0 V by itself.
 
 use super::exit::{self, Failure, Result};
 use super::monitor::screen;
@@ -96,8 +97,8 @@ fn on_termination(handler: impl Fn() + Send + 'static) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Whether the program was started with a signal ignored, by `SigIgn` of `/proc/self/status` (proc(5)). `false` on
-/// systems without that file.
+/// Whether the program was started with a signal ignored, by `SigIgn` of `/proc/self/status`
+/// (proc(5)). `false` on systems without that file.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     std::fs::read_to_string("/proc/self/status")

@@ -184,7 +184,8 @@ fn run(command: &Command, output: &Arc<Output>) -> Result<Reply> {
     let interrupted = || context.interrupt.requested();
     match dispatch(command, &context) {
         Ok(reply) if interrupted() => Ok(reply.with_code(exit::INTERRUPTED)),
-        // What did not answer after a signal was no longer waited for. A fault of the board or a lost file keeps its code.
+        // What did not answer after a signal was no longer waited for. A fault of the board or a
+        // lost file keeps its code.
         Err(failure) if interrupted() && failure.code == exit::LINK => {
             Err(failure.with_code(exit::INTERRUPTED))
         }

@@ -1,11 +1,12 @@
 //! Everything that the program writes to standard output and standard error.
 //!
-//! * A result goes to standard output: a text, or with `--json` exactly one JSON object. `monitor --json` and
-//!   `estimate run --json` write one object per line.
+//! * A result goes to standard output: a text, or with `--json` exactly one JSON object.
+//!   `monitor --json` and `estimate run --json` write one object per line.
 //! * Progress, notices and errors go to standard error. An error that cannot be shown is dropped.
-//! * A reader that closes the pipe (`forcectl explain | head -1`) ends the output and nothing else: the command goes on,
-//!   and its exit code stays.
-//! * Any other failure of standard output, such as a full disk, is reported once. It turns exit code 0 into 7.
+//! * A reader that closes the pipe (`forcectl explain | head -1`) ends the output and nothing else:
+//!   the command goes on, and its exit code stays.
+//! * Any other failure of standard output, such as a full disk, is reported once. It turns exit
+//!   code 0 into 7.
 
 use super::exit::{self, Failure, Reply, Result};
 use clap::{ArgAction, Args};
@@ -18,7 +19,8 @@ use std::sync::{Mutex, PoisonError, TryLockError};
 #[derive(Debug, Clone, Copy, Default, Args)]
 #[command(next_help_heading = "Output")]
 pub struct OutputArgs {
-    /// Print one JSON object instead of text; `monitor` and `estimate run` print one object per line
+    /// Print one JSON object instead of text; `monitor` and `estimate run` print one object per
+    /// line
     #[arg(long, global = true)]
     pub json: bool,
     /// Print details on standard error; -vv adds one line per second of a run
@@ -111,7 +113,8 @@ impl Output {
         self.args.json
     }
 
-    /// Whether progress is shown: neither with `--quiet`, nor with `--json` unless `--verbose` asks for it.
+    /// Whether progress is shown: neither with `--quiet`, nor with `--json` unless `--verbose` asks
+    /// for it.
     pub fn shows_progress(&self) -> bool {
         !self.args.quiet && (!self.args.json || self.args.verbose > 0)
     }
@@ -196,7 +199,8 @@ impl Output {
         }
     }
 
-    /// Prints the error of a command that a signal ends at once. Does not wait for a reader that reads no more.
+    /// Prints the error of a command that a signal ends at once. Does not wait for a reader that
+    /// reads no more.
     pub fn finish_interrupted(&self) {
         let failure = Err(Failure::new(exit::INTERRUPTED, "interrupted"));
         match self.standard.try_lock() {
@@ -209,8 +213,8 @@ impl Output {
     }
 }
 
-/// A text without control characters that a terminal would obey. Names come from rig files, boards and rigs; they can
-/// hold anything. Line feeds and tabs stay.
+/// A text without control characters that a terminal would obey. Names come from rig files, boards
+/// and rigs; they can hold anything. Line feeds and tabs stay.
 fn printable(text: &str) -> Cow<'_, str> {
     let obeyed = |c: char| c.is_control() && c != '\n' && c != '\t';
     if !text.contains(obeyed) {

@@ -1,4 +1,5 @@
-//! `forcectl recording`: checks recordings, writes their Parquet files, joins them with a robot's log. Drives nothing.
+//! `forcectl recording`: checks recordings, writes their Parquet files, joins them with a robot's
+//! log. Drives nothing.
 
 use super::exit::{self, Failure, Reply, Result};
 use super::output::path_json;
@@ -40,7 +41,8 @@ enum What {
         /// Folder for the Parquet files [default: that of the recording]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Also write repaired.mcap, with index and end, for programs that refuse the run.mcap of a killed run
+        /// Also write repaired.mcap, with index and end, for programs that refuse the run.mcap of a
+        /// killed run
         #[arg(long)]
         mcap: bool,
     },
@@ -51,8 +53,9 @@ enum What {
         /// The robot's log: CSV or Parquet
         #[arg(long, value_name = "FILE")]
         log: PathBuf,
-        /// Column with the time, UTC or ROS time: s, ms, us or ns since 1970 by its size, or RFC 3339 with its zone;
-        /// `SECS+NSECS` for a ROS stamp, `DATE+TIME` for a date and a time of day in two columns
+        /// Column with the time, UTC or ROS time: s, ms, us or ns since 1970 by its size, or RFC
+        /// 3339 with its zone; `SECS+NSECS` for a ROS stamp, `DATE+TIME` for a date and a time of
+        /// day in two columns
         #[arg(long, value_name = "COLUMN")]
         time: String,
         /// Time to add to that of the log, s, where its clock is known to differ

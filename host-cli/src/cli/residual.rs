@@ -51,16 +51,19 @@ pub struct Residual {
     /// Model file (TOML): columns, units, declared terms
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
-    /// Look at the logs and write a first model file to --model, with guessed columns and open questions; analyse nothing
+    /// Look at the logs and write a first model file to --model, with guessed columns and open
+    /// questions; analyse nothing
     #[arg(long, conflicts_with_all = ["out", "apply", "check"])]
     init: bool,
-    /// Logs that take no part in the search: the models, frozen, are evaluated on them, and what was found must help there too
+    /// Logs that take no part in the search: the models, frozen, are evaluated on them, and what
+    /// was found must help there too
     #[arg(long, value_name = "PATH", num_args = 1..)]
     check: Vec<PathBuf>,
     /// Folder for the reports and the extended model
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Write a copy of this rig file, with the findings that the board can use, to DIR as NAME.residual.toml
+    /// Write a copy of this rig file, with the findings that the board can use, to DIR as
+    /// NAME.residual.toml
     #[arg(long, value_name = "RIG.toml", requires = "out")]
     apply: Option<PathBuf>,
     /// With --apply: the model declares the values of the rig file; add the findings to them
@@ -68,7 +71,8 @@ pub struct Residual {
     increment: bool,
 }
 
-/// Stages and the share of a scan done, on standard error; nothing where the answer is for programs (`--json`).
+/// Stages and the share of a scan done, on standard error; nothing where the answer is for programs
+/// (`--json`).
 pub(super) struct Stages(Option<residual::Console>);
 
 impl Stages {
@@ -151,7 +155,8 @@ fn tried(model: &str, data: &[PathBuf]) -> std::result::Result<usize, String> {
     Ok(data.kept_rows().len())
 }
 
-/// The tables of samples, where all data are recordings of forcectl: folders of recordings or the tables themselves.
+/// The tables of samples, where all data are recordings of forcectl: folders of recordings or the
+/// tables themselves.
 fn samples_of_recordings(data: &[PathBuf]) -> Option<Vec<PathBuf>> {
     let table = |path: &PathBuf| {
         let table = if path.is_dir() {
@@ -171,7 +176,8 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     if let Some(out) = &arguments.out {
         residual::clear(out).map_err(|error| Failure::new(7, error))?;
     }
-    // Everything that may be wrong with the arguments comes before the analysis, which takes longer.
+    // Everything that may be wrong with the arguments comes before the analysis, which takes
+    // longer.
     let model = Spec::load(&arguments.model).map_err(Failure::usage)?;
     let rig = (arguments.apply.as_ref())
         .map(|path| BoardFile::open(path, &model, arguments.increment))

@@ -28,7 +28,8 @@ pub struct Rig {
     /// Reach the board by its USB port instead of its serial line
     #[arg(long)]
     usb: bool,
-    /// Cause a fault at power-on, for example unplug=3@start; repeatable. `forcectl inject` causes them later
+    /// Cause a fault at power-on, for example unplug=3@start; repeatable. `forcectl inject` causes
+    /// them later
     #[arg(long, value_name = "WHAT@start", value_parser = session::inject::parse, allow_hyphen_values = true)]
     inject: Vec<(f64, Injection)>,
     /// Let the rig's time wait for a commander that is late, up to 2 s: for a slow or busy computer

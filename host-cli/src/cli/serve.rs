@@ -33,12 +33,13 @@ pub struct Listen {
     /// File with the token that clients over TCP have to give (at least 16 characters)
     #[arg(long, value_name = "FILE", requires = "tcp")]
     pub token_file: Option<PathBuf>,
-    /// Show the rig in a browser, at this address [default: 127.0.0.1:4750]. One that others can reach, for example
-    /// --web=0.0.0.0:4750, gets a token in its link
+    /// Show the rig in a browser, at this address [default: 127.0.0.1:4750]. One that others can
+    /// reach, for example --web=0.0.0.0:4750, gets a token in its link
     #[cfg(feature = "web")]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:4750")]
     pub web: Option<SocketAddr>,
-    /// File with the token of the page's link (at least 16 characters) [default: a new one each time; none on this computer]
+    /// File with the token of the page's link (at least 16 characters)
+    /// [default: a new one each time; none on this computer]
     #[cfg(feature = "web")]
     #[arg(long, value_name = "FILE", requires = "web")]
     pub web_token_file: Option<PathBuf>,
@@ -158,7 +159,8 @@ impl Serve {
         };
         let _controlled_stop = context.interrupt.controlled_stop();
         let open = move || link::open(&port, &EmbeddedOptions::default());
-        // The link first: who finds the socket finds a service that has its link. A second service fails at the port.
+        // The link first: who finds the socket finds a service that has its link. A second service
+        // fails at the port.
         if socket::running().contains(&name) {
             return Err(Failure::new(exit::LINK, ServeError::Running(name)));
         }

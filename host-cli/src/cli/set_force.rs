@@ -42,8 +42,8 @@ pub struct SetForce {
     /// Time for which the force is held
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = values::seconds)]
     duration: f64,
-    /// Standard deviation of a coordinate of the robot's tip, mm [default: position_sd_mm of `[pose]`
-    /// in the rig file, else what is usual for its source]
+    /// Standard deviation of a coordinate of the robot's tip, mm
+    /// [default: position_sd_mm of `[pose]` in the rig file, else what is usual for its source]
     #[arg(long, value_name = "MM", value_parser = values::pose_sd_mm)]
     pose_sd: Option<f64>,
     /// Folder for the plot (SVG) and the figures (JSON); created where it does not exist
@@ -58,7 +58,8 @@ pub struct SetForce {
     /// Keep the embedded rig's robot still
     #[arg(long, help_heading = EMBEDDED)]
     still: bool,
-    /// Cause a fault in the embedded rig, for example unplug=3@2s; repeatable. `--inject help` lists the faults
+    /// Cause a fault in the embedded rig, for example unplug=3@2s; repeatable. `--inject help`
+    /// lists the faults
     #[arg(long, value_name = "WHAT@TIME", help_heading = EMBEDDED, value_parser = session::inject::parse, allow_hyphen_values = true)]
     inject: Vec<(f64, Injection)>,
 }
@@ -223,8 +224,9 @@ fn remove(path: &Path) -> Result<()> {
     }
 }
 
-/// The reply of a run; after a failure, the failure with what results there are. The exit code is that of the first that
-/// applies: the run was stopped, a file could not be written, the force was not held.
+/// The reply of a run; after a failure, the failure with what results there are. The exit code is
+/// that of the first that applies: the run was stopped, a file could not be written, the force was
+/// not held.
 fn conclude(
     outcome: Option<&Outcome>,
     error: Option<RunError>,

@@ -21,8 +21,9 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Runs the command. It works from every terminal, whoever commands the rig. Without `--link` it stops every rig that has
-    /// a service here. It reads no rig file: a mistake in one must not keep the motors running.
+    /// Runs the command. It works from every terminal, whoever commands the rig. Without `--link`
+    /// it stops every rig that has a service here. It reads no rig file: a mistake in one must not
+    /// keep the motors running.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         #[cfg(unix)]
         if self.stop_services(context)? {

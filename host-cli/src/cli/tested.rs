@@ -1,4 +1,5 @@
-//! Whether a rig is the one that its bring-up has tested: the one check of every command that drives or calibrates it.
+//! Whether a rig is the one that its bring-up has tested: the one check of every command that
+//! drives or calibrates it.
 
 use super::exit::{Failure, Result};
 use super::Context;
@@ -6,7 +7,8 @@ use bring_up::record::{self, Identity};
 use known::store::Store;
 use rig::Rig;
 
-/// What has changed since the bring-up of a rig, in words: parts, and settings. Empty: nothing, or there was none.
+/// What has changed since the bring-up of a rig, in words: parts, and settings. Empty: nothing, or
+/// there was none.
 fn changes(rig: &Rig, seed: Option<u64>, board: Option<String>) -> Result<(String, String)> {
     let store = Store::of_rig(&rig.name, seed)?;
     let Some(record) = record::read(&store)? else {
@@ -22,8 +24,9 @@ fn changes(rig: &Rig, seed: Option<u64>, board: Option<String>) -> Result<(Strin
     Ok((words(true), words(false)))
 }
 
-/// Refuses a rig of which a part was exchanged since its bring-up; warns where its rig file has changed. A rig without a bring-up
-/// passes. `rig`: as its file has it, without a calibration. `seed`: that of an emulated rig. `board`: its serial number.
+/// Refuses a rig of which a part was exchanged since its bring-up; warns where its rig file has
+/// changed. A rig without a bring-up passes. `rig`: as its file has it, without a calibration.
+/// `seed`: that of an emulated rig. `board`: its serial number.
 pub fn require(
     rig: &Rig,
     seed: Option<u64>,

@@ -1,5 +1,5 @@
-//! Reads the command line. Mistakes get a hint where the program knows one: options that were renamed, options that only
-//! other commands have, and options of a command that stand before it.
+//! Reads the command line. Mistakes get a hint where the program knows one: options that were
+//! renamed, options that only other commands have, and options of a command that stand before it.
 
 use super::exit::{self, Failure, Reply};
 use super::output::{self, Output, OutputArgs};
@@ -25,7 +25,8 @@ const WHOLE: bool = cfg!(all(
     feature = "web"
 ));
 
-/// Reads the command line. Where it is wrong, or asks for help, the answer is printed and the exit code returned.
+/// Reads the command line. Where it is wrong, or asks for help, the answer is printed and the exit
+/// code returned.
 pub fn parse(arguments: &[OsString]) -> Result<Cli, u8> {
     Cli::try_parse_from(arguments).map_err(|error| answer(error, arguments))
 }

@@ -13,7 +13,8 @@ use std::path::PathBuf;
 /// Arguments of `workspace`.
 #[derive(Debug, Args)]
 pub struct Workspace {
-    /// Poses within this distance of the workspace's centre, m [default: half of `radius_m` of the rig file]
+    /// Poses within this distance of the workspace's centre, m
+    /// [default: half of `radius_m` of the rig file]
     #[arg(long, value_name = "M")]
     radius: Option<f64>,
     /// Poses along a diameter
@@ -99,7 +100,8 @@ impl Workspace {
         text: &mut String,
         json: &mut serde_json::Value,
     ) -> Result<()> {
-        // The search looks at every pose for each candidate: the surface of the ball and its centre are enough.
+        // The search looks at every pose for each candidate: the surface of the ball and its centre
+        // are enough.
         let coarse = Options {
             across: options.across.min(5),
             ..*options

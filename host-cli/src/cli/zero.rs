@@ -12,7 +12,8 @@ use std::fmt::Write as _;
 /// Arguments of `zero`.
 #[derive(Debug, Args)]
 pub struct Zero {
-    /// Accept zeros that are far from the last ones: a sensor was changed or mounted anew. The cables have to be slack
+    /// Accept zeros that are far from the last ones: a sensor was changed or mounted anew. The
+    /// cables have to be slack
     #[arg(long)]
     replace: bool,
     #[command(flatten)]

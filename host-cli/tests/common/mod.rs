@@ -59,8 +59,8 @@ pub fn run(folder: &Path, line: &str) -> Said {
     )
 }
 
-/// The same; the exit code has to be `code`, and all of `texts` printed: on the standard output where there is a result (0, 6),
-/// else on standard error.
+/// The same; the exit code has to be `code`, and all of `texts` printed: on the standard output
+/// where there is a result (0, 6), else on standard error.
 pub fn expect(folder: &Path, line: &str, code: i32, texts: &[&str]) -> Said {
     let said = run(folder, line);
     assert_eq!(said.code, Some(code), "{line}: {said:?}");
@@ -82,8 +82,8 @@ pub fn signal(child: &Child, name: &str) {
     assert!(sent.expect("kill runs").success());
 }
 
-/// The signals that end a command. Without SIGHUP where these tests run with SIGHUP ignored (`nohup`): the command
-/// inherits that and keeps it.
+/// The signals that end a command. Without SIGHUP where these tests run with SIGHUP ignored
+/// (`nohup`): the command inherits that and keeps it.
 pub fn signals() -> Vec<&'static str> {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status

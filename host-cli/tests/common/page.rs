@@ -1,8 +1,9 @@
 //! The commands of a tutorial, read from its page, for the tests that execute them.
 //!
-//! A comment before a block of code says what is special about its commands: `<!-- test: code 5 -->` (the exit code), `<!-- test:
-//! code 5, goes on -->` (the next commands run meanwhile), `<!-- test: until Ctrl-C -->` (ended at the end of the page). A block
-//! of `text` has lines that the command before it prints; a block of another language is not for the test.
+//! A comment before a block of code says what is special about its commands:
+//! `<!-- test: code 5 -->` (the exit code), `<!-- test: code 5, goes on -->` (the next commands run
+//! meanwhile), `<!-- test: until Ctrl-C -->` (ended at the end of the page). A block of `text` has
+//! lines that the command before it prints; a block of another language is not for the test.
 // Each test takes a part of it.
 #![allow(dead_code)]
 

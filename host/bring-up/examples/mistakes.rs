@@ -1,7 +1,9 @@
-//! All mistakes of wiring with every slack on the rigs of some seeds, and the right rig as often: how many are named first, and how
-//! hard a cable was pulled; then ten pairs of mistakes, of which one has to be named. Prints two tables; some minutes.
+//! All mistakes of wiring with every slack on the rigs of some seeds, and the right rig as often:
+//! how many are named first, and how hard a cable was pulled; then ten pairs of mistakes, of which
+//! one has to be named. Prints two tables; some minutes.
 //!
-//! `cargo run -p bring-up --example mistakes -- [SEEDS [WORDS]]`: number of seeds (5), and only the mistakes with these words.
+//! `cargo run -p bring-up --example mistakes -- [SEEDS [WORDS]]`: number of seeds (5), and only the
+//! mistakes with these words.
 
 #[path = "../tests/common/mod.rs"]
 mod common;

@@ -1,4 +1,5 @@
-//! What each test measured. Units count from 0 in arrays; forces are those of the rig file's scale, and not yet calibrated.
+//! What each test measured. Units count from 0 in arrays; forces are those of the rig file's scale,
+//! and not yet calibrated.
 
 use serde::{Deserialize, Serialize};
 use wire::UNITS;
@@ -122,7 +123,8 @@ pub struct MotorFigures {
     pub pulses: Vec<PulseFigures>,
     /// Why the board did not drive it, where it did not.
     pub refused: Option<String>,
-    /// Fault of the board or of a unit that a pulse ended with, beside the expiry that ends each; 0: none.
+    /// Fault of the board or of a unit that a pulse ended with, beside the expiry that ends each;
+    /// 0: none.
     pub fault: u16,
 }
 

@@ -1,7 +1,8 @@
 //! From what was measured to named mistakes. Pure: the same figures give the same names.
 //!
-//! What a hand does names encoders and load cells. What a pulse moves is then known by the reel and not by the plug, so that
-//! exchanged motors are told from exchanged encoders. Without hands the load cells help; where nothing tells them apart, both are named.
+//! What a hand does names encoders and load cells. What a pulse moves is then known by the reel and
+//! not by the plug, so that exchanged motors are told from exchanged encoders. Without hands the
+//! load cells help; where nothing tells them apart, both are named.
 
 use crate::figures::{
     ConverterFigures, EStopFigures, Figures, MotorFigures, PullFigures, PulseFigures,
@@ -12,10 +13,11 @@ use control::Fault;
 use rig::{Rig, UnitSettings};
 use wire::UNITS;
 
-/// Part of the travel that a hand pulled from which an encoder has counted it: half the lines at half the decoding are a quarter.
+/// Part of the travel that a hand pulled from which an encoder has counted it: half the lines at
+/// half the decoding are a quarter.
 const COUNTED: f64 = 0.1;
-/// How far the counted travel may be from the pulled one: a ruler read to 1 mm at both ends of 200 mm, less than half of what 1,024
-/// lines in place of 1,000 make.
+/// How far the counted travel may be from the pulled one: a ruler read to 1 mm at both ends of 200
+/// mm, less than half of what 1,024 lines in place of 1,000 make.
 const TRAVEL_SHARE: f64 = 0.011;
 /// Lines that encoders have.
 const LINES: [u32; 6] = [250, 256, 500, 512, 1_024, 2_000];
@@ -23,7 +25,8 @@ const LINES: [u32; 6] = [250, 256, 500, 512, 1_024, 2_000];
 const NOMINAL_LINES: f64 = 1_000.0;
 /// Force on a load cell that a hand gives at least, N: the friction of a reel is 0.9.
 const HAND_N: f64 = 0.4;
-/// How far a cell of nominal gain may be from a known weight: cells spread by 4 % (one standard deviation).
+/// How far a cell of nominal gain may be from a known weight: cells spread by 4 % (one standard
+/// deviation).
 const WEIGHT_SHARE: f64 = 0.16;
 /// Noise above which a load cell is disturbed, N: ten times the rig's 1.5 mN.
 const NOISE_N: f64 = 0.015;
@@ -31,8 +34,8 @@ const NOISE_N: f64 = 0.015;
 const MISSED_SHARE: f64 = 0.002;
 /// Sample rates of a sound converter: 320 with its oscillator's 3 %.
 const RATE_SPS: std::ops::RangeInclusive<f64> = 308.0..=332.0;
-/// Ratio of the gain found to the right one that is named: the middle between 1 and 2. Friction differs by 5 to 8 %, the command is
-/// known to a step of 0.1 N.
+/// Ratio of the gain found to the right one that is named: the middle between 1 and 2. Friction
+/// differs by 5 to 8 %, the command is known to a step of 0.1 N.
 const GAIN: f64 = std::f64::consts::SQRT_2;
 
 /// The mistakes, the surest first.
@@ -188,8 +191,9 @@ fn cycles(of: &[usize; UNITS]) -> Vec<Vec<u8>> {
 
 /// What hands have shown.
 struct Hands {
-    /// Counter at which each reel's encoder is plugged in, and the travel that it counted per travel of the cable, positive where
-    /// winding in counts as winding in. `None`: none counted, or nobody pulled.
+    /// Counter at which each reel's encoder is plugged in, and the travel that it counted per
+    /// travel of the cable, positive where winding in counts as winding in. `None`: none counted,
+    /// or nobody pulled.
     encoder: [Option<(usize, f64)>; UNITS],
     /// Converter at which each unit's cell is, and its force, N.
     cell: [Option<(usize, f64)>; UNITS],
@@ -301,7 +305,8 @@ fn strongest(values: &[f64; UNITS]) -> Option<(usize, f64)> {
     found.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
 }
 
-/// The counter that counted a pull, and what it counted per travel, positive where the sign is right.
+/// The counter that counted a pull, and what it counted per travel, positive where the sign is
+/// right.
 fn counted(rig: &Rig, pull: &PullFigures) -> Option<(usize, f64)> {
     let ratio: [f64; UNITS] = std::array::from_fn(|i| {
         -f64::from(pull.counts[i]) * rig.units[i].travel_m_per_count / pull.travel_m
@@ -347,7 +352,8 @@ fn weights(figures: &Figures, hands: &Hands, found: &mut Vec<Named>) {
     }
 }
 
-/// A converter whose DRDY and whose load cell both seem to be another's is itself at the other's place.
+/// A converter whose DRDY and whose load cell both seem to be another's is itself at the other's
+/// place.
 fn channels(found: &mut Vec<Named>) {
     let drdy: Vec<Vec<u8>> = (found.iter())
         .filter_map(|named| match &named.mistake {
@@ -426,7 +432,8 @@ fn power(figures: &Figures, found: &mut Vec<Named>) {
     }
 }
 
-/// Whether pulses moved something: the strongest turned a reel or tightened a cable, or two of them showed something.
+/// Whether pulses moved something: the strongest turned a reel or tightened a cable, or two of them
+/// showed something.
 fn answers(motor: &MotorFigures) -> bool {
     let most = |values: &[f64; UNITS]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     let clear =
@@ -631,8 +638,8 @@ fn one(
     }
 }
 
-/// Command at which a reel of the rig file's friction turns, with this tension in its cable, N. On the plant the first pulse that
-/// turns it by [`TURNED_M`] is within 20 % of it.
+/// Command at which a reel of the rig file's friction turns, with this tension in its cable, N. On
+/// the plant the first pulse that turns it by [`TURNED_M`] is within 20 % of it.
 fn turning_n(unit: &UnitSettings, tension_n: f64) -> f64 {
     let holds_n = tension_n.max(0.0) + unit.coulomb_n - unit.friction_offset_n;
     holds_n / (unit.friction_gain - unit.coulomb_per_n).max(0.1)

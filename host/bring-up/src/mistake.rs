@@ -1,4 +1,5 @@
-//! The mistakes that have a name, in words, with what to do. Units count from 1 here: what a person reads.
+//! The mistakes that have a name, in words, with what to do. Units count from 1 here: what a person
+//! reads.
 
 use crate::steps::Test;
 use serde::{Deserialize, Serialize};

@@ -10,8 +10,8 @@
 //! | a load cell that reads more than [`OVER_TENSION_N`] | the board: over-tension of each unit |
 //! | the pulses rise by [`STEP_N`] and end at the first answer | this module |
 //!
-//! The loops are open: command is setpoint. A host that dies, a link that breaks, a program that hangs: the pulse that is under way
-//! ends by the board's clock, and no other follows.
+//! The loops are open: command is setpoint. A host that dies, a link that breaks, a program that
+//! hangs: the pulse that is under way ends by the board's clock, and no other follows.
 
 use crate::figures::{MotorFigures, PulseFigures};
 use crate::window::{scales, Rest, Window};
@@ -30,36 +30,41 @@ pub const PULSE_MS: u16 = 12;
 pub const FIRST_N: f64 = 0.3;
 /// How much the next one is stronger, N.
 pub const STEP_N: f64 = 0.1;
-/// Strongest pulse while nothing answers, N: half again what a reel of the rig breaks away with (0.9 N). Tuned on the plant:
-/// with an amplifier of twice the gain it pulls a taut cable with 1.6 N.
+/// Strongest pulse while nothing answers, N: half again what a reel of the rig breaks away with
+/// (0.9 N). Tuned on the plant: with an amplifier of twice the gain it pulls a taut cable with 1.6
+/// N.
 pub const BLIND_N: f64 = 1.3;
 /// Strongest pulse at all, N: what an amplifier of half the gain needs to turn a reel.
 pub const SEEN_N: f64 = 2.3;
 /// Tension at which the board takes a unit to 0 V during the test, N.
 pub const OVER_TENSION_N: f64 = 3.0;
-/// Travel that counts as an answer, m: two counts of the rig's encoder; one may be the edge at which it stands.
+/// Travel that counts as an answer, m: two counts of the rig's encoder; one may be the edge at
+/// which it stands.
 pub const ANSWER_M: f64 = 8.0e-6;
 /// Change of a load cell that counts as an answer, N: thirty times its noise.
 pub const ANSWER_N: f64 = 0.05;
-/// Travel at which a reel has turned, m: above what its contact gives way by (30 um at 6 N of pull, 15 um at the test's).
+/// Travel at which a reel has turned, m: above what its contact gives way by (30 um at 6 N of pull,
+/// 15 um at the test's).
 pub const TURNED_M: f64 = 2.5e-5;
 /// Change of a load cell that ends the pulses, N: the cable is tight.
 pub const TIGHT_N: f64 = 0.5;
-/// Change of a cell below this many standard deviations of its codes at rest is none: the furthest of 15 means of four codes is
-/// within 3.2 of theirs, 1.6 of these, in 98 % of the pulses.
+/// Change of a cell below this many standard deviations of its codes at rest is none: the furthest
+/// of 15 means of four codes is within 3.2 of theirs, 1.6 of these, in 98 % of the pulses.
 const NOISE_SDS: f64 = 3.0;
 /// Setpoint that closes the loop before the pulse, N: its start is then not part of the pulse.
 const CLOSE_N: f64 = 1e-3;
-/// For how long that is valid, ms: longer than the samples that it waits for, so that the pulse follows in time.
+/// For how long that is valid, ms: longer than the samples that it waits for, so that the pulse
+/// follows in time.
 const CLOSE_MS: u16 = 60;
-/// Samples are waited for before the pulse and after it, ms: three periods; and the load cell's filter with a swing of the cable.
+/// Samples are waited for before the pulse and after it, ms: three periods; and the load cell's
+/// filter with a swing of the cable.
 const BEFORE: Duration = Duration::from_millis(10);
 const AFTER: Duration = Duration::from_millis(50);
 /// Rest between two pulses: a reel comes to rest in 15 ms, its cable in 30.
 const REST: Duration = Duration::from_millis(60);
 
-/// Configurations for the pulses of `unit` (from 0): open loop, at most `limit_n`; all others can't be driven. `zero_code`: codes of
-/// the slack cables.
+/// Configurations for the pulses of `unit` (from 0): open loop, at most `limit_n`; all others can't
+/// be driven. `zero_code`: codes of the slack cables.
 #[must_use]
 pub fn configs(
     rig: &Rig,
@@ -93,7 +98,8 @@ pub fn configs(
     })
 }
 
-/// Gives a motor pulses of at most `most_n` N, which is [`BLIND_N`] or [`SEEN_N`]. Everything is at 0 V before and after.
+/// Gives a motor pulses of at most `most_n` N, which is [`BLIND_N`] or [`SEEN_N`]. Everything is at
+/// 0 V before and after.
 pub(crate) fn test(
     session: &mut Session<'_>,
     rig: &Rig,
@@ -166,7 +172,8 @@ fn setpoints(unit: usize, command_n: f64) -> [UnitSetpoint; UNITS] {
             0
         },
         inv_cos_q16: 1 << 16,
-        // Not known: the board counts each tension in full against its limit of the force at the tip.
+        // Not known: the board counts each tension in full against its limit of the force at the
+        // tip.
         direction_q14: [0; 3],
         reel_um_per_s: None,
     })

@@ -34,7 +34,8 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Of this rig at this board (`None`: its number is not known), with the serial numbers of its calibration.
+    /// Of this rig at this board (`None`: its number is not known), with the serial numbers of its
+    /// calibration.
     ///
     /// # Errors
     /// The calibration can't be read.
@@ -114,7 +115,8 @@ enum Of {
 /// Something that has changed since the bring-up.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Change {
-    /// A part of the rig was exchanged: its wiring is no longer what was tested. Otherwise a setting.
+    /// A part of the rig was exchanged: its wiring is no longer what was tested. Otherwise a
+    /// setting.
     pub is_part: bool,
     /// In words.
     pub words: String,
@@ -213,8 +215,8 @@ impl Record {
         Test::ALL.into_iter().filter(|test| !done(test)).collect()
     }
 
-    /// Tests that are to be done for these units, from 0: the first one, those that are open, those that found something, and those
-    /// that the tests before have changed.
+    /// Tests that are to be done for these units, from 0: the first one, those that are open, those
+    /// that found something, and those that the tests before have changed.
     #[must_use]
     pub fn next(&self, units: &[usize]) -> Vec<Test> {
         let open = self.open(units);
@@ -250,8 +252,8 @@ impl Record {
         }
     }
 
-    /// Whether a test may drive motors: only with an E-stop that was seen to work, and `motors` only where nothing says that the power
-    /// can't be cut.
+    /// Whether a test may drive motors: only with an E-stop that was seen to work, and `motors`
+    /// only where nothing says that the power can't be cut.
     ///
     /// # Errors
     /// Why not.

@@ -283,7 +283,8 @@ impl<'a, 's> Bench<'a, 's> {
                 silenced: [false; UNITS],
             }
         });
-        // One whose DRDY is another's may be at fault for its rate by now; it is started again for this.
+        // One whose DRDY is another's may be at fault for its rate by now; it is started again for
+        // this.
         for unit in self.enabled() {
             if found[unit].samples > 0 {
                 found[unit].silenced = self.restart(unit)?;

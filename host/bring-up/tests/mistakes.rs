@@ -1,5 +1,5 @@
-//! Single mistakes of wiring: is each named, and how hard did a cable pull? The example `mistakes` runs all of them with every
-//! slack on many rigs.
+//! Single mistakes of wiring: is each named, and how hard did a cable pull? The example `mistakes`
+//! runs all of them with every slack on many rigs.
 
 mod common;
 
@@ -163,7 +163,8 @@ fn a_rig_that_is_wired_right_passes() {
     }
 }
 
-/// Noise on one cell is neither an answer to pulses that nothing powers nor a reason for stronger ones.
+/// Noise on one cell is neither an answer to pulses that nothing powers nor a reason for stronger
+/// ones.
 #[test]
 fn a_noisy_load_cell_answers_no_pulse() {
     let run = run(60.0, &[Injection::CellNoise(4, 2.7e-6)], 5.0, 7);
@@ -176,7 +177,8 @@ fn a_noisy_load_cell_answers_no_pulse() {
     check_bounds("noise", &run);
 }
 
-/// The amplifier of any one unit past the relay, with twice the gain on top: it is named, and pulls no harder than the bound.
+/// The amplifier of any one unit past the relay, with twice the gain on top: it is named, and pulls
+/// no harder than the bound.
 #[test]
 fn an_amplifier_past_the_relay_is_named_at_every_unit() {
     for unit in 1..=UNITS as u8 {

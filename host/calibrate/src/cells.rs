@@ -15,7 +15,8 @@ const STEP: Duration = Duration::from_millis(100);
 /// How long the sensors may take to come up.
 const BRING_UP: Duration = Duration::from_secs(15);
 
-/// Brings a board to where its load cells can be read: configured, disarmed, without a latched fault.
+/// Brings a board to where its load cells can be read: configured, disarmed, without a latched
+/// fault.
 ///
 /// # Errors
 /// The board is armed, a fault is latched, or it does not come up.
@@ -61,8 +62,9 @@ pub fn configure(
     Ok(())
 }
 
-/// Sends the scales and zeros of a calibrated rig to the board, reads them back and compares. `zeros`: unit and code of the zeros
-/// to put in force (units without one keep the board's). Returns how many units the board has.
+/// Sends the scales and zeros of a calibrated rig to the board, reads them back and compares.
+/// `zeros`: unit and code of the zeros to put in force (units without one keep the board's).
+/// Returns how many units the board has.
 ///
 /// # Errors
 /// The board refuses it, does not come up, or reads back something else.

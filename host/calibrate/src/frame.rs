@@ -1,25 +1,29 @@
-//! What would make cable lengths agree with the encoders: exit points of other units, a mirrored or turned frame, a shift.
+//! What would make cable lengths agree with the encoders: exit points of other units, a mirrored or
+//! turned frame, a shift.
 //!
-//! The load cells can't show a wrong geometry: force and cell axes are wrong together. The lengths do
-//! ([`crate::moving::judge_length`]), and here every exchange of exit points (720) and every motion of all of them as one body, with and
-//! without a reflection, is tried on the same samples.
+//! The load cells can't show a wrong geometry: force and cell axes are wrong together. The lengths
+//! do ([`crate::moving::judge_length`]), and here every exchange of exit points (720) and every
+//! motion of all of them as one body, with and without a reflection, is tried on the same samples.
 
 use crate::moving::length_limit_m;
 use calibration::self_calibration::Sample;
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3, Vector6};
 use wire::UNITS;
 
-/// Samples of each unit that are compared: 0.1 mm of pose noise is a hundredth of that in their mean.
+/// Samples of each unit that are compared: 0.1 mm of pose noise is a hundredth of that in their
+/// mean.
 const SAMPLES: usize = 200;
 /// Steps of the fit; it converges in less than ten from 45 degrees.
 const STEPS: usize = 40;
-/// A motion as one body that turns by less is none, degrees; the fit's own error is 0.1 with 1 mm of pose noise.
+/// A motion as one body that turns by less is none, degrees; the fit's own error is 0.1 with 1 mm
+/// of pose noise.
 const TURNED_DEG: f64 = 1.0;
 /// An axis of rotation so near to x, y or z is called that, degrees.
 const AXIS_DEG: f64 = 5.0;
 /// A shift that is named, m.
 const SHIFT_M: f64 = 5e-3;
-/// An explanation is another one's rival where its squares are at most this share larger: six more parameters make 1 %.
+/// An explanation is another one's rival where its squares are at most this share larger: six more
+/// parameters make 1 %.
 const RIVAL: f64 = 1.2;
 /// Square that every sample may have without telling rivals apart, m^2: 0.1 mm of stretch.
 const ALIKE_M2: f64 = 1e-8;
@@ -41,7 +45,8 @@ struct Cable<'s> {
 }
 
 impl Cable<'_> {
-    /// Mean square difference with an exit point, m^2; the unknown length at zero travel is taken off.
+    /// Mean square difference with an exit point, m^2; the unknown length at zero travel is taken
+    /// off.
     fn square_m2(&self, exit_m: &Vector3<f64>) -> f64 {
         let difference = |s: &&Sample| (exit_m - s.tip_m).norm() - s.travel_m;
         let count = self.samples.len() as f64;
@@ -51,8 +56,9 @@ impl Cable<'_> {
     }
 }
 
-/// What makes all lengths agree, the best first; empty where they agree already, or nothing that is tried does. `exits_m`: exit points of
-/// the rig file; `pose_sd_m`: standard deviation of a coordinate of the tip.
+/// What makes all lengths agree, the best first; empty where they agree already, or nothing that is
+/// tried does. `exits_m`: exit points of the rig file; `pose_sd_m`: standard deviation of a
+/// coordinate of the tip.
 #[must_use]
 pub fn explain(
     samples: &[Vec<Sample>; UNITS],
@@ -149,7 +155,8 @@ fn permutations(count: usize, order: &mut Vec<usize>, with: &mut dyn FnMut(&[usi
     }
 }
 
-/// The best motion of all exit points as one body that makes all lengths agree, with a reflection or without.
+/// The best motion of all exit points as one body that makes all lengths agree, with a reflection
+/// or without.
 fn moved(cables: &[Cable<'_>], agrees: &dyn Fn(&[f64]) -> bool) -> Option<Explanation> {
     let mut best: Option<(f64, Matrix3<f64>, Vector3<f64>)> = None;
     for start in turns() {
@@ -194,7 +201,8 @@ fn turns() -> Vec<Matrix3<f64>> {
     found
 }
 
-/// The least squares of the lengths over rotation and shift, from a start: Levenberg and Marquardt's method.
+/// The least squares of the lengths over rotation and shift, from a start: Levenberg and
+/// Marquardt's method.
 fn fit(cables: &[Cable<'_>], start: Matrix3<f64>) -> (Matrix3<f64>, Vector3<f64>) {
     let total = |linear: &Matrix3<f64>, shift_m: &Vector3<f64>| -> f64 {
         let squares = cables.iter();

@@ -1,6 +1,8 @@
-//! Calibration of a rig: readings from the rig or from files, what is kept of them, and how well the applied force is known.
+//! Calibration of a rig: readings from the rig or from files, what is kept of them, and how well
+//! the applied force is known.
 //!
-//! The mathematics is in the package `calibration`; here it meets the board, the user's files and the emulated rig.
+//! The mathematics is in the package `calibration`; here it meets the board, the user's files and
+//! the emulated rig.
 //!
 //! | question | module |
 //! | --- | --- |
@@ -38,7 +40,8 @@ pub enum CalibrateError {
     /// Readings that can't be used: the message names file and line.
     #[error("{0}\nnothing was stored")]
     Input(String),
-    /// The readings are sound, and they give no calibration: a zero that drifts, a fit that contradicts them.
+    /// The readings are sound, and they give no calibration: a zero that drifts, a fit that
+    /// contradicts them.
     #[error("{0}\nnothing was stored")]
     Refused(String),
     /// The board took another configuration than it was sent; of which units.

@@ -1,7 +1,8 @@
 //! When a load came on: the code of the cell is watched while the user hangs a weight.
 //!
-//! A cell that creeps does so from the moment the load changes, and the user presses Enter seconds after that. Taking Enter for
-//! that moment makes creep of a short time constant wrong by tens of percent. The change itself is seen in the codes.
+//! A cell that creeps does so from the moment the load changes, and the user presses Enter seconds
+//! after that. Taking Enter for that moment makes creep of a short time constant wrong by tens of
+//! percent. The change itself is seen in the codes.
 
 use super::Result;
 use calibration::stats;
@@ -35,8 +36,8 @@ pub struct Watch {
     codes: VecDeque<(f64, i32)>,
 }
 
-/// Lets the link's time go on for a step, and adds what arrived to the watch of each unit. `time_s` is the series' time of the
-/// link's time in ns.
+/// Lets the link's time go on for a step, and adds what arrived to the watch of each unit. `time_s`
+/// is the series' time of the link's time in ns.
 ///
 /// # Errors
 /// The link.
@@ -81,10 +82,12 @@ impl Watch {
         Some(stats::median(&first)).filter(|code| code.is_finite())
     }
 
-    /// When the code went from that of the load before to that of the load after it, for good. `sd` is the standard deviation
-    /// of a code. `None` where the two loads are too near to each other, or no code of the load before was seen.
+    /// When the code went from that of the load before to that of the load after it, for good. `sd`
+    /// is the standard deviation of a code. `None` where the two loads are too near to each other,
+    /// or no code of the load before was seen.
     ///
-    /// What happens in between, such as one weight taken off before another is hung, makes the time less certain.
+    /// What happens in between, such as one weight taken off before another is hung, makes the time
+    /// less certain.
     #[must_use]
     pub fn came_on(&self, before: f64, after: f64, sd: f64) -> Option<CameOn> {
         let change = (after - before).abs();
@@ -93,7 +96,8 @@ impl Watch {
         }
         let is_old = |&(_, code): &(f64, i32)| (f64::from(code) - before).abs() < BAND * change;
         let is_other = |&(_, code): &(f64, i32)| (f64::from(code) - after).abs() >= BAND * change;
-        // The last code that is not yet that of the new load, and the last before it that is still that of the old one.
+        // The last code that is not yet that of the new load, and the last before it that is still
+        // that of the old one.
         let last_other = self.codes.iter().rposition(is_other)?;
         let last_old = self.codes.iter().take(last_other + 1).rposition(is_old)?;
         let from_s = self.codes[last_old].0;

@@ -1,4 +1,5 @@
-//! A run with the robot moving: samples for the self-calibration, and how well the stored geometry predicts them.
+//! A run with the robot moving: samples for the self-calibration, and how well the stored geometry
+//! predicts them.
 
 use super::{CalibrateError, Result};
 use calibration::geometry::UnitGeometry;
@@ -62,8 +63,8 @@ impl Observer for Collector<'_> {
     }
 
     fn step(&mut self, step: &Step) {
-        // A run reports the samples of a cycle before the cycle. Before the force is commanded the cables are tensioned: the
-        // reels turn without the tip.
+        // A run reports the samples of a cycle before the cycle. Before the force is commanded the
+        // cables are tensioned: the reels turn without the tip.
         if step.t_s >= 0.0 {
             for i in 0..UNITS {
                 let Some(counts) = self.newest[i].filter(|_| step.available[i]) else {
@@ -103,8 +104,8 @@ pub struct Run {
     pub moved: Moved,
 }
 
-/// Control cycles from one sample to the next that counts, 0.2 s. Errors of neighbouring cycles are alike (a delay times the
-/// speed of the tip), and the estimate takes them as independent.
+/// Control cycles from one sample to the next that counts, 0.2 s. Errors of neighbouring cycles are
+/// alike (a delay times the speed of the tip), and the estimate takes them as independent.
 const EVERY: usize = 20;
 
 /// False alarms of the comparison with the stored geometry: one in so many runs is 1 over this.
@@ -178,8 +179,9 @@ pub struct Part {
     pub sd_m: f64,
 }
 
-/// Residuals of the run's own estimate, unit by unit and side by side of the motion: a side that stands out tells of an error of
-/// the robot's pose, a cable that touches, or a reel that is out of round.
+/// Residuals of the run's own estimate, unit by unit and side by side of the motion: a side that
+/// stands out tells of an error of the robot's pose, a cable that touches, or a reel that is out of
+/// round.
 #[must_use]
 pub fn residuals(samples: &[Vec<Sample>; UNITS], run: &Run, prior: &Prior) -> Vec<Part> {
     const SIDES: [&str; 6] = ["+x", "-x", "+y", "-y", "+z", "-z"];
@@ -216,7 +218,8 @@ pub fn residuals(samples: &[Vec<Sample>; UNITS], run: &Run, prior: &Prior) -> Ve
     out
 }
 
-/// Middle of the tip's motion and its standard deviation in the direction of the least motion, m; `None` without samples.
+/// Middle of the tip's motion and its standard deviation in the direction of the least motion, m;
+/// `None` without samples.
 #[must_use]
 pub fn motion(samples: &[Vec<Sample>; UNITS]) -> Option<(Vector3<f64>, f64)> {
     let samples = samples.iter().find(|s| !s.is_empty())?;
@@ -243,7 +246,8 @@ pub fn apply(record: &mut Record, run: &Run) {
         };
         record.units[at].exit_m = exit_m.into();
         record.units[at].geometry_date.clone_from(&date);
-        // The run's errors are those of this unit alone; what it shared with others is not known any more.
+        // The run's errors are those of this unit alone; what it shared with others is not known
+        // any more.
         for other in (0..n).filter(|other| *other != at) {
             all.view_mut((6 * at, 6 * other), (6, 6)).fill(0.0);
             all.view_mut((6 * other, 6 * at), (6, 6)).fill(0.0);
@@ -256,8 +260,8 @@ pub fn apply(record: &mut Record, run: &Run) {
     record.set_geometry_covariance(&all);
 }
 
-/// Root mean square difference of measured and predicted cable length with the stored exit point, m; the unknown length at
-/// zero travel is taken off. `None` without samples.
+/// Root mean square difference of measured and predicted cable length with the stored exit point,
+/// m; the unknown length at zero travel is taken off. `None` without samples.
 #[must_use]
 pub fn length_rms_m(samples: &[Sample], exit_m: &Vector3<f64>) -> Option<f64> {
     let differences: Vec<f64> = samples
@@ -270,7 +274,8 @@ pub fn length_rms_m(samples: &[Sample], exit_m: &Vector3<f64>) -> Option<f64> {
     square.is_finite().then(|| square.sqrt())
 }
 
-/// What the length of a cable by the encoder says of the stored geometry, after a run with the robot moving.
+/// What the length of a cable by the encoder says of the stored geometry, after a run with the
+/// robot moving.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LengthVerdict {
     /// Unit, from 1.
@@ -282,23 +287,27 @@ pub struct LengthVerdict {
 }
 
 impl LengthVerdict {
-    /// The lengths disagree: exit point, frame, sign or counts per metre are wrong, or the cable is another unit's.
+    /// The lengths disagree: exit point, frame, sign or counts per metre are wrong, or the cable is
+    /// another unit's.
     #[must_use]
     pub fn disagrees(&self) -> bool {
         self.limit_m.is_some_and(|limit_m| self.rms_m > limit_m)
     }
 }
 
-/// Difference that stretch of the cable and the calibration's own errors make, m: 2 N on 5 N/mm are 0.4 mm.
+/// Difference that stretch of the cable and the calibration's own errors make, m: 2 N on 5 N/mm are
+/// 0.4 mm.
 const LENGTH_FLOOR_M: f64 = 5e-4;
 
-/// What errors of the pose may add, in standard deviations of a coordinate: over a run their root mean square is one.
+/// What errors of the pose may add, in standard deviations of a coordinate: over a run their root
+/// mean square is one.
 const LENGTH_SDS: f64 = 1.5;
 
 /// Least root mean square distance of the tip from its middle for a verdict, m.
 const LEAST_MOTION_M: f64 = 5e-3;
 
-/// Judges the length of a unit's cable; `pose_sd_m` is the standard deviation of a coordinate of the tip. `None` without samples.
+/// Judges the length of a unit's cable; `pose_sd_m` is the standard deviation of a coordinate of
+/// the tip. `None` without samples.
 #[must_use]
 pub fn judge_length(
     unit: u8,
@@ -318,7 +327,8 @@ pub fn judge_length(
     })
 }
 
-/// What the length of a cable may be off, m; `pose_sd_m` is the standard deviation of a coordinate of the tip.
+/// What the length of a cable may be off, m; `pose_sd_m` is the standard deviation of a coordinate
+/// of the tip.
 pub(crate) fn length_limit_m(pose_sd_m: f64) -> f64 {
     LENGTH_FLOOR_M + LENGTH_SDS * pose_sd_m
 }
@@ -390,7 +400,8 @@ mod tests {
         assert!(evaluate(&none, &record, &Prior::default()).is_err());
     }
 
-    /// An exit that is mirrored, another unit's cable and a wrong sign are seen in the lengths; a tip that stands tells nothing.
+    /// An exit that is mirrored, another unit's cable and a wrong sign are seen in the lengths; a
+    /// tip that stands tells nothing.
     #[test]
     fn wrong_geometry_shows_in_the_lengths() {
         let rig = Rig::built_in().unwrap();

@@ -1,4 +1,5 @@
-//! Exit points and axes from a digitizer: which points to touch in which order, and the survey put into the record.
+//! Exit points and axes from a digitizer: which points to touch in which order, and the survey put
+//! into the record.
 
 use super::{CalibrateError, Result};
 use calibration::geometry::{self, GeometryError, Options, Survey};
@@ -8,15 +9,16 @@ use rig::Rig;
 
 /// Header of the points; `calibration::geometry::read_points` takes it.
 pub const HEADER: &str = "label,x_mm,y_mm,z_mm,station";
-/// Stations of the plan: the first sees the base, each further one the plates before and after it, the last one the base again.
+/// Stations of the plan: the first sees the base, each further one the plates before and after it,
+/// the last one the base again.
 const STATIONS: [&str; 4] = ["A", "B", "C", "D"];
 /// Calibration plates between them.
 const PLATES: u8 = 3;
 /// Holes of a plate.
 const HOLES: u8 = 4;
 
-/// The points to touch, station by station: the closed layout of docs/calibration/figures.md. Each unit is touched from two
-/// stations.
+/// The points to touch, station by station: the closed layout of docs/calibration/figures.md. Each
+/// unit is touched from two stations.
 #[must_use]
 pub fn plan(base_holes: &[String], units: &[u8], touches: usize) -> Vec<(String, String)> {
     let mut out = Vec::new();
@@ -49,7 +51,8 @@ pub fn plan(base_holes: &[String], units: &[u8], touches: usize) -> Vec<(String,
     out
 }
 
-/// A row of the points file from what a digitizer typed: three numbers in mm, parted by blanks, commas, semicolons or tabs.
+/// A row of the points file from what a digitizer typed: three numbers in mm, parted by blanks,
+/// commas, semicolons or tabs.
 ///
 /// # Errors
 /// What is wrong with the line.
@@ -74,7 +77,8 @@ pub fn row(typed: &str, label: &str, station: &str) -> std::result::Result<Strin
 /// The survey of a table of points.
 ///
 /// # Errors
-/// Text that can't be read, with file and line; points that do not fit together, named by likelihood.
+/// Text that can't be read, with file and line; points that do not fit together, named by
+/// likelihood.
 pub fn survey(
     points: (&str, &str),
     base: (&str, &str),
@@ -109,7 +113,8 @@ pub fn survey(
     })
 }
 
-/// A table of points without the lines that the user leaves out. They stay as blank lines: the others keep their numbers.
+/// A table of points without the lines that the user leaves out. They stay as blank lines: the
+/// others keep their numbers.
 ///
 /// # Errors
 /// A line that no point stands in.
@@ -130,7 +135,8 @@ pub fn without_lines(file: &str, text: &str, left_out: &[usize]) -> Result<Strin
     Ok(lines.join("\n") + "\n")
 }
 
-/// Largest change of an exit point that is taken without a question, m: no unit is touched up by that much.
+/// Largest change of an exit point that is taken without a question, m: no unit is touched up by
+/// that much.
 const SMALL_CHANGE_M: f64 = 0.05;
 /// An exit point that is by this factor nearer to where another unit was is that unit's.
 const NEARER: f64 = 3.0;
@@ -148,7 +154,8 @@ pub fn changes_m(record: &Record, survey: &Survey) -> Vec<(u8, f64)> {
     changes.collect()
 }
 
-/// Compares the exit points with those of the record: labels of two units that are exchanged everywhere fit together.
+/// Compares the exit points with those of the record: labels of two units that are exchanged
+/// everywhere fit together.
 ///
 /// # Errors
 /// A unit that stands where another one was; all of them are named.

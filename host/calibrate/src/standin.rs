@@ -1,5 +1,6 @@
-//! Stand-ins for the people and tools of a calibration, on an emulated rig: weights that are hung, a digitizer that touches
-//! points. They know the truth of the plant; what they give has the errors of the real tools.
+//! Stand-ins for the people and tools of a calibration, on an emulated rig: weights that are hung,
+//! a digitizer that touches points. They know the truth of the plant; what they give has the errors
+//! of the real tools.
 
 use calibration::gain::Class;
 use calibration::geometry::Label;
@@ -122,11 +123,13 @@ impl Weights {
     }
 }
 
-/// Load cells that are taken out and mounted anew, with what the plant's cells don't have: a loop between rising and falling loads,
-/// and a scale and a zero that are others with each mounting. A cell of the plant is pulled with what such a cell would feel.
+/// Load cells that are taken out and mounted anew, with what the plant's cells don't have: a loop
+/// between rising and falling loads, and a scale and a zero that are others with each mounting. A
+/// cell of the plant is pulled with what such a cell would feel.
 ///
-/// Sizes are drawn by the rig's seed: loops of up to 10 mN, scales that scatter by up to 0.03 %, and zeros by up to 10 mN. These are
-/// small S-shaped cells of 0.1 % (estimates). Creep is the plant's (`[[effects]]` with `kind = "creep"`).
+/// Sizes are drawn by the rig's seed: loops of up to 10 mN, scales that scatter by up to 0.03 %,
+/// and zeros by up to 10 mN. These are small S-shaped cells of 0.1 % (estimates). Creep is the
+/// plant's (`[[effects]]` with `kind = "creep"`).
 #[derive(Debug, Clone)]
 pub struct Cells {
     seed: u64,
@@ -166,7 +169,8 @@ impl Cells {
         self.peak_n = [0.0; 6];
     }
 
-    /// Scale of a unit's cell in the present mounting against the mean, and its zero, N: for tests too.
+    /// Scale of a unit's cell in the present mounting against the mean, and its zero, N: for tests
+    /// too.
     #[must_use]
     pub fn mounting(&self, unit: u8) -> (f64, f64) {
         let stream = 1000 * usize::from(unit) + usize::from(self.mounting);
@@ -175,7 +179,8 @@ impl Cells {
         (scale, draw.uniform(0.0, 0.01))
     }
 
-    /// What the cell of a unit feels under a load, N. The loop opens on the way down from the largest load since the cell was empty.
+    /// What the cell of a unit feels under a load, N. The loop opens on the way down from the
+    /// largest load since the cell was empty.
     pub fn feels_n(&mut self, unit: u8, load_n: f64) -> f64 {
         let peak = &mut self.peak_n[usize::from(unit) - 1];
         *peak = if load_n == 0.0 { 0.0 } else { peak.max(load_n) };
@@ -297,8 +302,8 @@ impl Digitizer {
         out
     }
 
-    /// What the digitizer types when a point is touched from a station: `x y z` in mm. `None`: there is no such point or
-    /// station.
+    /// What the digitizer types when a point is touched from a station: `x y z` in mm. `None`:
+    /// there is no such point or station.
     pub fn touch(&mut self, station: &str, label: &str) -> Option<String> {
         let at = *self.points_m.get(&Label::parse(label)?)?;
         let pose = *self.stations.get(station)?;

@@ -55,8 +55,8 @@ impl Load {
 /// Time from one reading to the next of a load that stays.
 pub const HOLD_STEP: Duration = Duration::from_millis(2000);
 
-/// Loads of so many rounds up and down. The empty cell stands at both ends of each round. Then the largest weight is left on
-/// for a time, and off for as long: that shows creep.
+/// Loads of so many rounds up and down. The empty cell stands at both ends of each round. Then the
+/// largest weight is left on for a time, and off for as long: that shows creep.
 #[must_use]
 pub fn plan(weights_g: &[f64], rounds: usize, creep: Duration) -> Vec<Load> {
     let mut sorted = weights_g.to_vec();
@@ -104,8 +104,8 @@ const ISO376_READ_AT: Duration = Duration::from_secs(30);
 /// Time for which a preload stays on: 60 to 90 s.
 const ISO376_PRELOAD: Duration = Duration::from_secs(60);
 
-/// Loads of the procedure of ISO 376 ([`iso376`]): preloads, two rising series, a rising and a falling one in each of two further
-/// positions, and the largest load for five minutes.
+/// Loads of the procedure of ISO 376 ([`iso376`]): preloads, two rising series, a rising and a
+/// falling one in each of two further positions, and the largest load for five minutes.
 #[must_use]
 pub fn iso376_plan(weights_g: &[f64]) -> Vec<Load> {
     let mut sorted = weights_g.to_vec();
@@ -174,8 +174,8 @@ pub struct Mean {
 /// Mean code and its standard error of a stream under one load.
 ///
 /// # Errors
-/// The stream gives none: it drifts by more than `drift_n` (N), is noisy, or stands still. The limit of the noise is that of
-/// a swinging weight that has to come to rest: 50 mN.
+/// The stream gives none: it drifts by more than `drift_n` (N), is noisy, or stands still. The
+/// limit of the noise is that of a swinging weight that has to come to rest: 50 mN.
 pub fn mean(codes: &[i32], nominal_n_per_code: f64, drift_n: f64) -> Result<Mean> {
     let limits = Limits {
         nominal_n_per_code: nominal_n_per_code.abs(),
@@ -193,8 +193,8 @@ pub fn mean(codes: &[i32], nominal_n_per_code: f64, drift_n: f64) -> Result<Mean
     })
 }
 
-/// How far a reading may drift while it is taken, N: what a weight that comes to rest does, and where creep is looked for,
-/// what a cell does that creeps by a fifth of its load (g) in 6 s.
+/// How far a reading may drift while it is taken, N: what a weight that comes to rest does, and
+/// where creep is looked for, what a cell does that creeps by a fifth of its load (g) in 6 s.
 #[must_use]
 pub fn drift_limit_n(largest_g: f64, creep: bool) -> f64 {
     let creeps = if creep {
@@ -205,7 +205,8 @@ pub fn drift_limit_n(largest_g: f64, creep: bool) -> f64 {
     0.02 + creeps
 }
 
-/// Adds a reading to a draft. `at_s`: when it was read, s from the start of the series; `since`: when the load came on.
+/// Adds a reading to a draft. `at_s`: when it was read, s from the start of the series; `since`:
+/// when the load came on.
 ///
 /// # Errors
 /// The file can't be written, or holds other columns.
@@ -251,7 +252,8 @@ pub struct Fitted {
 /// The gain of a table of readings. `file` is the name that errors give.
 ///
 /// # Errors
-/// Text that can't be read, with file and line; a wrong entry, named; too few readings, an implausible scale.
+/// Text that can't be read, with file and line; a wrong entry, named; too few readings, an
+/// implausible scale.
 pub fn fit(file: &str, text: &str, options: &Options) -> Result<Fitted> {
     let readings: Vec<Reading> = gain::read(file, text).map_err(CalibrateError::input)?;
     let gain = gain::fit(&readings, options).map_err(|error| match &error {
@@ -285,7 +287,8 @@ pub fn fit(file: &str, text: &str, options: &Options) -> Result<Fitted> {
 const LARGEST_EN: f64 = 1.0;
 /// Coverage factor of 95 %.
 const COVERAGE: f64 = 2.0;
-/// Force at which gains are compared, N: the middle of what the weights cover. A curve may be in one of two gains only.
+/// Force at which gains are compared, N: the middle of what the weights cover. A curve may be in
+/// one of two gains only.
 const COMPARED_AT_N: f64 = 5.0;
 
 /// How far a new gain is from the stored one of a unit, measured with the same acceleration of
@@ -318,11 +321,12 @@ fn change(
     Some((part, part.abs() / (COVERAGE * variance.sqrt())))
 }
 
-/// Compares gains (unit, gain) with the stored ones. The readings of another unit, or of another cell, are not to take the
-/// place of a gain without a word.
+/// Compares gains (unit, gain) with the stored ones. The readings of another unit, or of another
+/// cell, are not to take the place of a gain without a word.
 ///
 /// # Errors
-/// A gain that is not that of the unit's cell; all of them are named, and a unit whose stored gain fits.
+/// A gain that is not that of the unit's cell; all of them are named, and a unit whose stored gain
+/// fits.
 pub fn check_changes(record: &Record, found: &[(u8, &Gain)], options: &Options) -> Result<()> {
     let mut wrong = Vec::new();
     for (number, gain) in found {
@@ -377,11 +381,12 @@ pub struct Traced {
     pub temperature_c: Option<f64>,
 }
 
-/// Puts gains (unit, gain) that were measured with one set of weights in one place into the record. Returns what that changed
-/// besides, in words.
+/// Puts gains (unit, gain) that were measured with one set of weights in one place into the record.
+/// Returns what that changed besides, in words.
 ///
-/// Gravity and the error that all gains share stand once in a record. Where measured gains of other units stay, those are
-/// carried over to the new gravity, and the larger of the two errors holds for all.
+/// Gravity and the error that all gains share stand once in a record. Where measured gains of other
+/// units stay, those are carried over to the new gravity, and the larger of the two errors holds
+/// for all.
 ///
 /// # Errors
 /// The record has no such unit.

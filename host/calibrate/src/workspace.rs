@@ -108,8 +108,8 @@ pub fn planes(rig: &Rig, options: &Options) -> Vec<Map> {
         .collect()
 }
 
-/// Exit points within `within_m` of the present ones along each axis, for the largest least force that is feasible in every
-/// direction over the ball. Units in `fixed` stay.
+/// Exit points within `within_m` of the present ones along each axis, for the largest least force
+/// that is feasible in every direction over the ball. Units in `fixed` stay.
 ///
 /// # Errors
 /// No such placement can be looked for.

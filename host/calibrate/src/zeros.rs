@@ -12,12 +12,13 @@ use nalgebra::{Matrix3, Vector3};
 
 /// [`POWER_UP_MISS_N`] as a standard deviation, N: all misses up to it are equally likely.
 pub const POWER_UP_SD_N: f64 = POWER_UP_MISS_N / 1.732_050_8;
-/// Zeros further than this many standard deviations from the earlier ones are refused (docs/calibration/figures.md).
+/// Zeros further than this many standard deviations from the earlier ones are refused
+/// (docs/calibration/figures.md).
 pub const LIMIT_SD: f64 = 3.0;
 /// Mass of motor and rack, kg (thesis 3.5.1), and how well it is known.
 pub const MOTOR_KG: (f64, f64) = (0.5, 0.02);
-/// Standard error of a zero that the board took by itself, N: a slack cell creeps and drifts by as much from one reading to
-/// the next (docs/calibration/figures.md, pay-out test).
+/// Standard error of a zero that the board took by itself, N: a slack cell creeps and drifts by as
+/// much from one reading to the next (docs/calibration/figures.md, pay-out test).
 const BOARD_ZERO_SE_N: f64 = 0.005;
 
 /// The zero of one unit and what it means.
@@ -55,7 +56,8 @@ pub struct Past {
 /// What to keep to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Units whose zeros are accepted however far they are from the earlier ones, which are forgotten.
+    /// Units whose zeros are accepted however far they are from the earlier ones, which are
+    /// forgotten.
     pub replace: Vec<u8>,
     /// Mass of motor and rack and its standard uncertainty, kg.
     pub motor_kg: (f64, f64),
@@ -161,7 +163,8 @@ pub struct PaidOut {
 /// Compares the readings before and after the cables were paid out: none may change.
 ///
 /// # Errors
-/// A reel that was not turned, a stream that gives no zero, a cable that pulled; all of them are named.
+/// A reel that was not turned, a stream that gives no zero, a cable that pulled; all of them are
+/// named.
 pub fn check_paid_out(cables: &[PaidOut], record: &Record) -> Result<Vec<(u8, PayOut)>> {
     let mut found = Vec::new();
     let mut wrong = Vec::new();
@@ -219,9 +222,10 @@ fn refusal(unit: u8, verdict: &Verdict) -> String {
     }
 }
 
-/// The zeros over the power-ups, oldest first, whichever command took them. Of the zeros of one power-up the last counts, so
-/// that measuring twice teaches nothing about power-ups. A zero that was accepted whatever the former ones were makes the unit
-/// forget those. `record` has the scales and the mounting parts for zeros that the board took by itself.
+/// The zeros over the power-ups, oldest first, whichever command took them. Of the zeros of one
+/// power-up the last counts, so that measuring twice teaches nothing about power-ups. A zero that
+/// was accepted whatever the former ones were makes the unit forget those. `record` has the scales
+/// and the mounting parts for zeros that the board took by itself.
 ///
 /// # Errors
 /// A file is there and can't be used; the message names it.
@@ -303,7 +307,8 @@ fn power_ups(store: &Store) -> Result<Vec<Past>> {
     read().map_err(CalibrateError::input)
 }
 
-/// Adds zeros to those of the rig. `fresh` has the units (of `--replace`) whose earlier ones are forgotten.
+/// Adds zeros to those of the rig. `fresh` has the units (of `--replace`) whose earlier ones are
+/// forgotten.
 ///
 /// # Errors
 /// The file can't be written.
@@ -351,7 +356,8 @@ mod tests {
         let slack = [cable(1, 20_100, Some(0.01)), cable(2, 19_900, None)];
         let found = check_paid_out(&slack, &record).unwrap();
         assert!(found.len() == 2 && found.iter().all(|(_, f)| f.slack));
-        // 0.2 N on unit 3, which the history of a few power-ups would not see, and a reel that nobody turned.
+        // 0.2 N on unit 3, which the history of a few power-ups would not see, and a reel that
+        // nobody turned.
         let pulled = [
             cable(1, 20_000, Some(0.01)),
             cable(3, 20_000 + 29_200, Some(0.01)),
@@ -428,7 +434,8 @@ mod tests {
         }
     }
 
-    /// The files of two days and an older version's file, in the order of their dates; a code that is carried on is no zero.
+    /// The files of two days and an older version's file, in the order of their dates; a code that
+    /// is carried on is no zero.
     #[test]
     fn zeros_have_the_date_of_their_measurement() {
         let folder = tempfile::tempdir().unwrap();
@@ -455,8 +462,8 @@ mod tests {
         assert_eq!(of(2), ["2026-11-20", "2026-11-22"]);
     }
 
-    /// What `forcectl zero` and runs measured counts here, what is measured here is what they compare with, and an older
-    /// version's file is read.
+    /// What `forcectl zero` and runs measured counts here, what is measured here is what they
+    /// compare with, and an older version's file is read.
     #[test]
     fn zeros_of_all_commands_are_one_history() {
         let folder = tempfile::tempdir().unwrap();

@@ -6,8 +6,8 @@ use nalgebra::{Rotation3, Vector3};
 use rig::Rig;
 use wire::UNITS;
 
-/// Samples of a rig with these exits, on a path of 40 mm about the middle of the workspace; `noise_m`: of each coordinate of the
-/// tip as the host gets it.
+/// Samples of a rig with these exits, on a path of 40 mm about the middle of the workspace;
+/// `noise_m`: of each coordinate of the tip as the host gets it.
 fn run_of(exits: &[Vector3<f64>; UNITS], noise_m: f64, seed: u64) -> [Vec<Sample>; UNITS] {
     let center = Rig::built_in().unwrap().workspace.center_m;
     std::array::from_fn(|i| {
@@ -53,7 +53,8 @@ fn alike(words: &str, what: &str) -> bool {
     }
 }
 
-/// The rig file is right and the rig is `truth` of it: one explanation, the right one, with 0.1 and with 1 mm of pose noise.
+/// The rig file is right and the rig is `truth` of it: one explanation, the right one, with 0.1 and
+/// with 1 mm of pose noise.
 #[test]
 fn exchanged_exits_and_wrong_frames_are_named_with_1_mm_of_pose_noise() {
     let file = Rig::built_in().unwrap().units.map(|unit| unit.exit_m);

@@ -1,9 +1,10 @@
 //! How often `forcectl estimate explain` names a change of the virtual arm rightly:
-//! `cargo run --release -p estimate --example explain -- SEED...` prints the table of docs/estimation.md. With `--words` it prints all words too.
+//! `cargo run --release -p estimate --example explain -- SEED...` prints the table of
+//! docs/estimation.md. With `--words` it prints all words too.
 //!
-//! For each robot (seed) the model `physics` is trained on 18 minutes of the arm without changes. Each change is alone, in two trials of
-//! two minutes under a known force. `cannot tell`: of several names one is right,
-//! or it says that the change has no name, or nothing.
+//! For each robot (seed) the model `physics` is trained on 18 minutes of the arm without changes.
+//! Each change is alone, in two trials of two minutes under a known force. `cannot tell`: of
+//! several names one is right, or it says that the change has no name, or nothing.
 
 #[path = "../tests/common/named.rs"]
 mod named;

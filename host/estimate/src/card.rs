@@ -1,4 +1,5 @@
-//! The card of a model: what it was trained on, what it reached, what it is not for. It lies beside the model file.
+//! The card of a model: what it was trained on, what it reached, what it is not for. It lies beside
+//! the model file.
 
 use super::evaluate::Evaluation;
 use super::load::{Data, LoadError, Sampling, Source};
@@ -75,7 +76,8 @@ pub fn newtons(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |n| format!("{n:.3}"))
 }
 
-/// A file beside a model's: `.model` is left out of its name, any other end stays, since it may be all that tells models apart.
+/// A file beside a model's: `.model` is left out of its name, any other end stays, since it may be
+/// all that tells models apart.
 fn beside(model: &Path, end: &str) -> PathBuf {
     if model.extension().is_some_and(|e| e == "model") {
         return model.with_extension(end);
@@ -155,7 +157,8 @@ impl ModelCard {
         }
     }
 
-    /// The card of a model that was recalibrated on a log. The figures of the training are not its own.
+    /// The card of a model that was recalibrated on a log. The figures of the training are not its
+    /// own.
     #[must_use]
     pub fn recalibrated(mut self, model_sha256: String, log: &str) -> Self {
         self.limits.insert(
@@ -170,7 +173,8 @@ impl ModelCard {
     /// Writes the card beside the model, as JSON and as Markdown; returns the Markdown's path.
     ///
     /// # Errors
-    /// A file can't be written, or a figure is no finite number: such a card could not be read back.
+    /// A file can't be written, or a figure is no finite number: such a card could not be read
+    /// back.
     pub fn write(&self, model: &Path) -> std::io::Result<PathBuf> {
         let json = serde_json::to_string_pretty(self).map_err(std::io::Error::other)?;
         serde_json::from_str::<Self>(&json).map_err(|error| {
@@ -187,7 +191,8 @@ impl ModelCard {
     /// Reads the card beside a model file.
     ///
     /// # Errors
-    /// There is none, it is no card of this program's version, or that of another model file; the text says what to do.
+    /// There is none, it is no card of this program's version, or that of another model file; the
+    /// text says what to do.
     pub fn read(model: &Path) -> Result<Self, LoadError> {
         let path = beside(model, "card.json");
         let bad = |cause: String| {

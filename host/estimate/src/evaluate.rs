@@ -69,13 +69,16 @@ pub struct Streamed {
     pub valid: Emitted,
     /// Valid rows of the first second after a start or a gap.
     pub early: Emitted,
-    /// Share of the time that has a valid estimate: rows that are missing in a gap count as time without one.
+    /// Share of the time that has a valid estimate: rows that are missing in a gap count as time
+    /// without one.
     pub valid_share: f64,
-    /// Time from a start or a gap to the first valid row: median and 95 % point over those that were followed by one, s.
+    /// Time from a start or a gap to the first valid row: median and 95 % point over those that
+    /// were followed by one, s.
     pub until_valid_s: Option<[f64; 2]>,
     /// Starts and gaps that the next break came after before any row was valid.
     pub never_valid: usize,
-    /// By trial: time of its rows until the model was found not to fit the robot, s; `None` where it fits to the end.
+    /// By trial: time of its rows until the model was found not to fit the robot, s; `None` where
+    /// it fits to the end.
     #[serde(default)]
     pub misfits_s: Vec<Option<f64>>,
 }

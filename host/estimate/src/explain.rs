@@ -1,8 +1,11 @@
-//! What a model lacks of its robot, in words: the torque balance of each motor, handed to the residual analysis.
+//! What a model lacks of its robot, in words: the torque balance of each motor, handed to the
+//! residual analysis.
 //!
-//! The physical model says which torque a motor needs, with the measured force. What is commanded beside that is looked at by the crate
-//! `residual`: its effects get names by how well they tell rows that were held out, and only where they explain more than the
-//! model's own error in training. The names here are words for a robot: an effect `angle_friction` of order 1 is a ripple of the motor.
+//! The physical model says which torque a motor needs, with the measured force. What is commanded
+//! beside that is looked at by the crate `residual`: its effects get names by how well they tell
+//! rows that were held out, and only where they explain more than the model's own error in
+//! training. The names here are words for a robot: an effect `angle_friction` of order 1 is a
+//! ripple of the motor.
 
 use estimator::estimator::Estimator;
 use estimator::physics::Balance;
@@ -14,25 +17,31 @@ use serde::Serialize;
 /// The joints, with the units of their torques.
 pub const JOINTS: [(&str, &str); 3] = [("shoulder", "N·m"), ("elbow", "N·m"), ("insertion", "N")];
 
-/// Effects that a change of a robot has: of an amplifier, of gears and cables, of a thing that pulls. Presliding, Stribeck's friction, that of the
-/// load and damping are in the physical model; beside it they would name parts of a change of all friction.
+/// Effects that a change of a robot has: of an amplifier, of gears and cables, of a thing that
+/// pulls. Presliding, Stribeck's friction, that of the load and damping are in the physical model;
+/// beside it they would name parts of a change of all friction.
 const EFFECTS: &str =
     r#"["offset", "gain", "coulomb", "angle_friction", "periodic_angle", "drift_time"]"#;
-/// Distance of the rows that are analysed, s. A motor turns at most about once a second; neighbours closer than this tell the same.
+/// Distance of the rows that are analysed, s. A motor turns at most about once a second; neighbours
+/// closer than this tell the same.
 const EVERY_S: f64 = 0.1;
 /// Rows that are held out together, s: some times the 2 s in which errors of a balance are alike.
 const BLOCK_S: f64 = 10.0;
-/// Share of the Coulomb friction from which a motor counts as sliding. Below it contacts bend, and the friction has no direction yet.
+/// Share of the Coulomb friction from which a motor counts as sliding. Below it contacts bend, and
+/// the friction has no direction yet.
 const SLIDES: f64 = 0.7;
-/// How far from one to a turn the order of a ripple may be. A finding's order has an error of some hundredths over a few turns.
+/// How far from one to a turn the order of a ripple may be. A finding's order has an error of some
+/// hundredths over a few turns.
 const ONE_A_TURN: f64 = 0.1;
 
-/// Correlation of a motor's torque with its friction from which friction and gain count as one: a change of either is then nearly a
-/// change of the other, and of which form friction changes is not known so exactly. On the robots 1, 2, 11 and 12 all wrong names of the
-/// two were at 0.990 and above.
+/// Correlation of a motor's torque with its friction from which friction and gain count as one: a
+/// change of either is then nearly a change of the other, and of which form friction changes is not
+/// known so exactly. On the robots 1, 2, 11 and 12 all wrong names of the two were at 0.990 and
+/// above.
 const ONE: f64 = 0.99;
-/// Size of what is left, per the model's own error in training, from which it is told though it has no name. On the robots 1, 2, 11 and 12
-/// structure was found in 4 of 96 balances of arms without changes. Estimate.
+/// Size of what is left, per the model's own error in training, from which it is told though it has
+/// no name. On the robots 1, 2, 11 and 12 structure was found in 4 of 96 balances of arms without
+/// changes. Estimate.
 const LEFT: f64 = 2.0;
 
 /// What was found of a motor.
@@ -44,7 +53,8 @@ pub struct Motor {
     pub verdict: Verdict,
     /// What has changed, in words; nothing where nothing was found.
     pub says: Vec<String>,
-    /// Correlation of the expected torque with the part of it that is friction. Near 1 friction and gain look alike.
+    /// Correlation of the expected torque with the part of it that is friction. Near 1 friction and
+    /// gain look alike.
     pub friction_in_torque: f64,
     /// RMS of torque less expected torque, in the joint's unit.
     pub before: f64,
@@ -70,7 +80,8 @@ pub enum ExplainError {
     },
 }
 
-/// Says what `estimator` lacks of the robot in these sequences. A force that was not measured counts as none.
+/// Says what `estimator` lacks of the robot in these sequences. A force that was not measured
+/// counts as none.
 ///
 /// # Errors
 /// The model has no torque balance, or there are too few rows.
@@ -170,7 +181,8 @@ fn sliding(row: &Balance) -> f64 {
     }
 }
 
-/// The declared model: what is commanded is what the physical model expects. `floor`: its own error in training.
+/// The declared model: what is commanded is what the physical model expects. `floor`: its own error
+/// in training.
 fn model(unit: &str, floor: f64) -> String {
     format!(
         r#"title = "Torque of a motor"

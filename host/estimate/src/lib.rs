@@ -1,6 +1,8 @@
-//! Estimators of the contact force from files to figures: load data, evaluate, model card, report with pictures.
+//! Estimators of the contact force from files to figures: load data, evaluate, model card, report
+//! with pictures.
 //!
-//! The models are those of the package `estimator`; `forcectl estimate` is the command line of this module.
+//! The models are those of the package `estimator`; `forcectl estimate` is the command line of this
+//! module.
 
 pub mod card;
 pub mod evaluate;

@@ -1,4 +1,5 @@
-//! Data of an estimator from files: the dataset folder of an experiment, or any logs with a mapping file.
+//! Data of an estimator from files: the dataset folder of an experiment, or any logs with a mapping
+//! file.
 
 use estimator::data::{self, Columns, Label, Mapping, Part, Pose};
 use estimator::estimator::Estimator;
@@ -60,9 +61,11 @@ pub struct Data {
     pub file_rate_hz: f64,
     /// Time of the label; `None` where the log has no data card.
     pub sampling: Option<Sampling>,
-    /// Component along which the experiment pulls, where its card names one; else those whose factor in the mapping is not 0.
+    /// Component along which the experiment pulls, where its card names one; else those whose
+    /// factor in the mapping is not 0.
     pub axes: Vec<usize>,
-    /// Inputs that the files lack, by their place in [`estimator::motion::INPUT_NAMES`]; they are 0 in the sequences.
+    /// Inputs that the files lack, by their place in [`estimator::motion::INPUT_NAMES`]; they are 0
+    /// in the sequences.
     pub absent: Vec<usize>,
 }
 
@@ -264,8 +267,8 @@ fn axes_of(
     Ok(axes)
 }
 
-/// Name of the robot by the data card: `name` of its `[robot]`. A virtual arm is named after what it is drawn from. An address is no
-/// name: any robot can publish there.
+/// Name of the robot by the data card: `name` of its `[robot]`. A virtual arm is named after what
+/// it is drawn from. An address is no name: any robot can publish there.
 fn robot_of(card: &serde_json::Value) -> String {
     let experiment = &card["experiment"];
     let robot = &experiment["robot"];
@@ -342,7 +345,8 @@ impl Data {
         trials
     }
 
-    /// Where the robot's base stands in the frame of the force, from the reported tips of these trials alone.
+    /// Where the robot's base stands in the frame of the force, from the reported tips of these
+    /// trials alone.
     ///
     /// # Errors
     /// The tips do not fit the kinematics, or hardly move.
@@ -352,7 +356,8 @@ impl Data {
         })
     }
 
-    /// Trials for training and for testing: those of `test`, or the last two of nine, as in the thesis.
+    /// Trials for training and for testing: those of `test`, or the last two of nine, as in the
+    /// thesis.
     ///
     /// # Errors
     /// There is no such trial, or none is left for training or for testing.

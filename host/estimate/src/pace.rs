@@ -1,4 +1,5 @@
-//! Which states of a robot become rows of a model, by their stamps: a model counts rows as time, so rows must come at its rate.
+//! Which states of a robot become rows of a model, by their stamps: a model counts rows as time, so
+//! rows must come at its rate.
 
 use std::fmt;
 

@@ -1,4 +1,5 @@
-//! Pictures of estimates as the thesis has them: prediction against truth, errors of each model, errors over joints and speed.
+//! Pictures of estimates as the thesis has them: prediction against truth, errors of each model,
+//! errors over joints and speed.
 
 use estimator::metrics::Rows;
 use experiment::table::Table;
@@ -32,7 +33,8 @@ fn wide(title: &str) -> (Scene, Axes) {
     (scene, axes)
 }
 
-/// Label and estimates over `seconds` of a trial from `from_s`, with the interval's half widths of the last model.
+/// Label and estimates over `seconds` of a trial from `from_s`, with the interval's half widths of
+/// the last model.
 #[must_use]
 pub fn prediction(
     title: &str,
@@ -75,8 +77,8 @@ pub fn prediction(
     scene
 }
 
-/// A replay: estimate and interval of the component `axis`, and the measured force where there is one. Columns are those of
-/// `forcectl estimate run --out`.
+/// A replay: estimate and interval of the component `axis`, and the measured force where there is
+/// one. Columns are those of `forcectl estimate run --out`.
 #[must_use]
 pub fn replay(rows: &Table, axis: &str) -> Scene {
     let (mut scene, mut axes) = wide("Estimated contact force, replay");
@@ -116,7 +118,8 @@ pub fn replay(rows: &Table, axis: &str) -> Scene {
     scene
 }
 
-/// Error of each model over `seconds` of a trial from `from_s`, mean of each second, below the joints' path.
+/// Error of each model over `seconds` of a trial from `from_s`, mean of each second, below the
+/// joints' path.
 #[must_use]
 pub fn over_trajectory(
     title: &str,
@@ -294,7 +297,8 @@ pub fn curves(
 /// One map: words of the axes, and where each row lies.
 pub type Place<'a> = (&'a str, &'a str, &'a dyn Fn(&Rows, usize) -> (f64, f64));
 
-/// Mean absolute error over pairs of quantities; the darker, the larger. Cells with few rows stay white.
+/// Mean absolute error over pairs of quantities; the darker, the larger. Cells with few rows stay
+/// white.
 #[must_use]
 pub fn error_maps(title: &str, trials: &[Rows], places: &[Place<'_>]) -> Scene {
     let (w, h) = (LEFT + SIDE + 20.0, 34.0 + SIDE + BELOW);

@@ -90,8 +90,8 @@ impl Study<'_> {
         Ok(point)
     }
 
-    /// Error without each group of inputs, trained anew, and less the error with all. `minutes`: of training at most, from the
-    /// beginnings of the trials.
+    /// Error without each group of inputs, trained anew, and less the error with all. `minutes`: of
+    /// training at most, from the beginnings of the trials.
     ///
     /// # Errors
     /// Too few rows.
@@ -134,7 +134,8 @@ impl Study<'_> {
         Ok(points)
     }
 
-    /// Chosen minutes against random ones: as many, and `more`. Differences are to the mean of the draws of `more`.
+    /// Chosen minutes against random ones: as many, and `more`. Differences are to the mean of the
+    /// draws of `more`.
     ///
     /// # Errors
     /// Too few rows.
@@ -179,8 +180,8 @@ impl Study<'_> {
 
 /// Name of the row of the chosen minutes.
 pub const CHOSEN: &str = "chosen by predicted error";
-/// The error of chosen minutes may be so much above that of more random ones and still match it, N. It was set before any figure
-/// of the comparison was known.
+/// The error of chosen minutes may be so much above that of more random ones and still match it, N.
+/// It was set before any figure of the comparison was known.
 pub const CHOICE_MARGIN_N: f64 = 0.005;
 
 /// How minutes are chosen, and what they are compared with.
@@ -198,8 +199,9 @@ pub struct Choice {
     pub draws: u64,
 }
 
-/// Chooses minutes by predicted error: begins with random ones, then takes those whose predicted interval is the widest. The
-/// prediction needs no label: it could be made of a trajectory that is only planned and run without cables.
+/// Chooses minutes by predicted error: begins with random ones, then takes those whose predicted
+/// interval is the widest. The prediction needs no label: it could be made of a trajectory that is
+/// only planned and run without cables.
 fn chosen(
     settings: &Training,
     pool: &[Sequence],
@@ -294,7 +296,8 @@ fn share(sequences: &[&Sequence], minutes: Option<f64>) -> f64 {
     minutes.map_or(1.0, |m| (m / Data::minutes(sequences).max(1e-9)).min(1.0))
 }
 
-/// The beginnings of the stretches, `minutes` in all, each with its share; all of them where there is no limit.
+/// The beginnings of the stretches, `minutes` in all, each with its share; all of them where there
+/// is no limit.
 fn beginnings(sequences: &[&Sequence], minutes: Option<f64>) -> Vec<Sequence> {
     let share = share(sequences, minutes);
     sequences

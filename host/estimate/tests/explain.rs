@@ -1,4 +1,5 @@
-//! Changes of the virtual arm are named by what has changed, and an arm without changes is not accused.
+//! Changes of the virtual arm are named by what has changed, and an arm without changes is not
+//! accused.
 
 #[path = "common/named.rs"]
 mod named;

@@ -1,8 +1,9 @@
 //! The dataset's columns, and how load-cell samples and robot states become its rows.
 //!
-//! A row is a state of the robot. The tension of each cable at its time is interpolated between the two load-cell samples
-//! around it, from raw codes, with the delay of the converter's filter taken off; the force at the tip is their sum along
-//! the cables' directions at the tip that the robot reports. What the plant truly does goes into another table.
+//! A row is a state of the robot. The tension of each cable at its time is interpolated between the
+//! two load-cell samples around it, from raw codes, with the delay of the converter's filter taken
+//! off; the force at the tip is their sum along the cables' directions at the tip that the robot
+//! reports. What the plant truly does goes into another table.
 
 use force::controller::{problem, Cables};
 use known::uncertainty::Systematic;
@@ -21,7 +22,8 @@ use super::table::Table;
 
 /// Joints of a row.
 pub const JOINTS: usize = 3;
-/// Group delay of the NAU7802's filter at 320 samples per second, s: two sample periods of its fourth-order sinc.
+/// Group delay of the NAU7802's filter at 320 samples per second, s: two sample periods of its
+/// fourth-order sinc.
 pub const CELL_DELAY_S: f64 = 0.00625;
 /// A tension is interpolated over a gap of at most this, s; over a longer one it is missing.
 const LONGEST_GAP_S: f64 = 0.05;
@@ -236,7 +238,8 @@ pub struct Joiner {
 }
 
 impl Joiner {
-    /// For a rig with these configurations in force; `start_s` is the board time of the force profile's start.
+    /// For a rig with these configurations in force; `start_s` is the board time of the force
+    /// profile's start.
     #[must_use]
     pub fn new(
         rig: &Rig,
@@ -291,7 +294,8 @@ impl Joiner {
         self.waiting.push_back(waiting);
     }
 
-    /// Makes rows of the states whose samples have come by board time `now_s`; of all that wait, where `end` is set.
+    /// Makes rows of the states whose samples have come by board time `now_s`; of all that wait,
+    /// where `end` is set.
     pub fn join(&mut self, now_s: f64, end: bool) {
         while let Some(first) = self.waiting.front() {
             let at = first.board_s;
@@ -454,7 +458,8 @@ mod tests {
         let rig = Rig::built_in().unwrap();
         let configs = rig.units.map(|unit| unit.to_wire());
         let mut joiner = Joiner::new(&rig, &configs, 1.0, 4, 1);
-        // Each cell's force rises by its number of N per second; units are sampled one after another.
+        // Each cell's force rises by its number of N per second; units are sampled one after
+        // another.
         for n in 0..400 {
             for unit in 0..UNITS as u8 {
                 let t = f64::from(n) * 0.003_125 + f64::from(unit) * 4e-4;

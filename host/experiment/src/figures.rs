@@ -71,7 +71,8 @@ pub struct Figures {
     pub sync_error_s: f64,
     /// Events of the robot's watch.
     pub robot_events: u64,
-    /// How often a part of the robot's states was left out for a flaw (NaN, no names, a stamp of 0), by part.
+    /// How often a part of the robot's states was left out for a flaw (NaN, no names, a stamp of
+    /// 0), by part.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub robot_left_out: BTreeMap<String, u64>,
 }

@@ -60,7 +60,8 @@ pub struct Experiment {
     pub rig: Option<PathBuf>,
     /// The robot.
     pub robot: SourceConfig,
-    /// Trajectories of the virtual arm; trial n follows number n modulo their count. `duration_s` has no effect.
+    /// Trajectories of the virtual arm; trial n follows number n modulo their count. `duration_s`
+    /// has no effect.
     #[serde(default, rename = "trajectory")]
     pub trajectories: Vec<TrajectoryConfig>,
     /// Force.
@@ -77,7 +78,8 @@ pub enum ControlPath {
     /// On the board (thesis 3.6.2).
     #[default]
     Board,
-    /// On the host; torques in whole N·mm through the Raven's software, the board is a sensor board (thesis 3.6.1).
+    /// On the host; torques in whole N·mm through the Raven's software, the board is a sensor board
+    /// (thesis 3.6.1).
     Raven,
 }
 
@@ -89,7 +91,8 @@ impl ControlPath {
     }
 }
 
-/// Delay of the transport where the file gives none, ms: an estimate, docs/control-paths.md has others.
+/// Delay of the transport where the file gives none, ms: an estimate, docs/control-paths.md has
+/// others.
 const TRANSPORT_MS: u32 = 1;
 
 const fn default_rate() -> f64 {
@@ -104,8 +107,8 @@ const fn default_attempts() -> u32 {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Force {
-    /// Two units pull along one axis, against each other (thesis 4.1). No feedback of the force: each unit holds its
-    /// tension.
+    /// Two units pull along one axis, against each other (thesis 4.1). No feedback of the force:
+    /// each unit holds its tension.
     OneAxis {
         /// Axis in the robot base frame; its length has no effect.
         axis: [f64; 3],
@@ -280,7 +283,8 @@ impl Experiment {
         }
     }
 
-    /// The rig file with the units enabled that the experiment uses. A one-axis experiment commands tensions itself.
+    /// The rig file with the units enabled that the experiment uses. A one-axis experiment commands
+    /// tensions itself.
     ///
     /// # Errors
     /// Which unit is not enabled.

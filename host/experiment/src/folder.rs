@@ -9,8 +9,8 @@
 //! | `truth/trial-01.parquet` | what the plant truly did, row by row; a virtual rig only. No estimator reads it |
 //! | `report/` | `README.md` and pictures |
 //!
-//! An attempt without `result.json` was broken off: the rows in its recording become a file, it is marked, and the trial is repeated. Trials
-//! share no file, so shards can run at the same time.
+//! An attempt without `result.json` was broken off: the rows in its recording become a file, it is
+//! marked, and the trial is repeated. Trials share no file, so shards can run at the same time.
 
 use super::dataset::{table, Column, Joiner, COLUMNS, ROWS, TRUTH, TRUTH_COLUMNS};
 use super::error::ExperimentError;
@@ -209,7 +209,8 @@ impl Folder {
         self.root.join("truth").join(Self::file_of(trial))
     }
 
-    /// The attempts at a trial that have a result, in order. One without may be in progress in another process.
+    /// The attempts at a trial that have a result, in order. One without may be in progress in
+    /// another process.
     ///
     /// # Errors
     /// A file can't be read.
@@ -221,7 +222,8 @@ impl Folder {
         Ok(found)
     }
 
-    /// As [`Folder::attempts`], for whoever runs the trial: those that were broken off without a result are marked here.
+    /// As [`Folder::attempts`], for whoever runs the trial: those that were broken off without a
+    /// result are marked here.
     ///
     /// # Errors
     /// A file can't be read or written.
@@ -416,7 +418,8 @@ impl AttemptFolder {
         self.conclude(attempt)
     }
 
-    /// Writes the result. The rows of a good attempt go to the dataset, those of any other stay here.
+    /// Writes the result. The rows of a good attempt go to the dataset, those of any other stay
+    /// here.
     ///
     /// # Errors
     /// A file can't be moved, read or written.

@@ -1,4 +1,5 @@
-//! An experiment: trials in which the robot moves, the rig applies a known force, and both become one dataset.
+//! An experiment: trials in which the robot moves, the rig applies a known force, and both become
+//! one dataset.
 //!
 //! | question | file |
 //! | --- | --- |

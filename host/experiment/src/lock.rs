@@ -1,7 +1,8 @@
 //! One process runs a trial at a time: a lock file in the trial's folder, which names its owner.
 //!
-//! The lock is the operating system's on the open file (`flock` or its like), so it ends with the process however that ends; the
-//! file that stays behind is no lock. On network file systems it holds where these pass locks on (NFS 4 and NFS 3 with lockd do).
+//! The lock is the operating system's on the open file (`flock` or its like), so it ends with the
+//! process however that ends; the file that stays behind is no lock. On network file systems it
+//! holds where these pass locks on (NFS 4 and NFS 3 with lockd do).
 
 use super::error::ExperimentError;
 use super::folder::Folder;

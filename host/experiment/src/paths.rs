@@ -1,4 +1,5 @@
-//! Both control paths of the thesis on one plant: the dedicated board (3.6.2), and the Raven's software (3.6.1).
+//! Both control paths of the thesis on one plant: the dedicated board (3.6.2), and the Raven's
+//! software (3.6.1).
 //!
 //! `raven`: the loop on the host (`raven`).
 //!
@@ -35,8 +36,8 @@ pub enum Path {
     Board,
     /// The loop on the host, torques through the Raven's software.
     Raven {
-        /// Delay of samples and torques on their way together, ms: ROS and USB, without the serial line (emulated) and
-        /// the wait for the next cycle of 1 ms.
+        /// Delay of samples and torques on their way together, ms: ROS and USB, without the serial
+        /// line (emulated) and the wait for the next cycle of 1 ms.
         transport_ms: u32,
     },
 }

@@ -41,7 +41,8 @@ impl Axis {
     }
 }
 
-/// Maps of how often pairs of values occurred, three in a row; the darker, the more often (logarithmic).
+/// Maps of how often pairs of values occurred, three in a row; the darker, the more often
+/// (logarithmic).
 #[must_use]
 pub fn maps(title: &str, pairs: &[(&Axis, &Axis)]) -> Scene {
     let columns = 3;

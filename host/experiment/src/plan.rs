@@ -67,8 +67,8 @@ pub struct OutOfReach {
     pub places: usize,
     /// See `places`.
     pub out_of_reach: usize,
-    /// Factor by which `largest_n` and both rates have to be smaller so that all forces are within reach: the profile keeps its
-    /// times then. 0 where a pose is out of reach.
+    /// Factor by which `largest_n` and both rates have to be smaller so that all forces are within
+    /// reach: the profile keeps its times then. 0 where a pose is out of reach.
     pub factor: f64,
 }
 
@@ -169,8 +169,8 @@ pub fn tip_m(joints: [f64; 3], mount: &Mount) -> Vector3<f64> {
     mount.tip_in_rig(&in_crtk).position_m.into()
 }
 
-/// Examines every trial of `numbers`; returns how many places were examined. A robot that moves by itself is examined
-/// at the workspace's centre.
+/// Examines every trial of `numbers`; returns how many places were examined. A robot that moves by
+/// itself is examined at the workspace's centre.
 ///
 /// # Errors
 /// [`PlanError`], with the first place that is out of reach and what is within reach.

@@ -1,9 +1,10 @@
 //! Force profiles: the commanded force over time, drawn from a seed.
 //!
-//! Half waves of a cosine lead from one random turning point to the next, along a straight line, at random peak rates.
-//! Force and rate are continuous; the profile begins and ends at zero force. The turning points of a one-axis profile are
-//! uniform over both directions, those of a three-axes profile uniform in a ball. Both sets are convex: no force between two
-//! turning points is larger than the larger of them.
+//! Half waves of a cosine lead from one random turning point to the next, along a straight line, at
+//! random peak rates. Force and rate are continuous; the profile begins and ends at zero force. The
+//! turning points of a one-axis profile are uniform over both directions, those of a three-axes
+//! profile uniform in a ball. Both sets are convex: no force between two turning points is larger
+//! than the larger of them.
 
 use super::file::Force;
 use nalgebra::Vector3;
@@ -29,7 +30,8 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Draws a profile of `duration_s`. The same force, seed and number give the same profile on every machine.
+    /// Draws a profile of `duration_s`. The same force, seed and number give the same profile on
+    /// every machine.
     #[must_use]
     pub fn new(force: &Force, seed: u64, number: u64, duration_s: f64) -> Self {
         let mut random = Random::stream(seed, "force profile", number);

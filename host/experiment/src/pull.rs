@@ -1,4 +1,5 @@
-//! How a force becomes tensions: by two units along one axis, or by all units and the force controller.
+//! How a force becomes tensions: by two units along one axis, or by all units and the force
+//! controller.
 
 use super::file::Force;
 use force::allocation::{Allocator, Problem};
@@ -10,8 +11,9 @@ use wire::UNITS;
 
 /// Two units that pull against each other along an axis.
 ///
-/// The axis component of the applied force is the commanded one; what the cables' angles give across it is applied
-/// too, and recorded. The cable that does not pull has the pre-tension or a little more.
+/// The axis component of the applied force is the commanded one; what the cables' angles give
+/// across it is applied too, and recorded. The cable that does not pull has the pre-tension or a
+/// little more.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OneAxis {
     /// Unit vector, robot base frame.

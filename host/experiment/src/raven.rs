@@ -1,8 +1,9 @@
-//! The thesis's first control path (3.6.1): the board is a sensor board with its motors off, the loop runs on the host.
+//! The thesis's first control path (3.6.1): the board is a sensor board with its motors off, the
+//! loop runs on the host.
 //!
-//! When every used unit has a new sample, the host computes the torques with the board's own control law, rounds them to whole
-//! N·mm, as the Raven's software takes them, and sends them. They reach the amplifiers after the transport's delay, with the next
-//! cycle of the Raven's 1 kHz loop.
+//! When every used unit has a new sample, the host computes the torques with the board's own
+//! control law, rounds them to whole N·mm, as the Raven's software takes them, and sends them. They
+//! reach the amplifiers after the transport's delay, with the next cycle of the Raven's 1 kHz loop.
 
 use control::unit::{Controller, Drive, Input, Setpoint, State};
 use control::{AdcCode, Config, EncoderCounts, Micros};
@@ -66,7 +67,8 @@ impl RavenLoop {
         self.setpoints = setpoints;
     }
 
-    /// A cycle of the Raven's loop: what has arrived goes to the amplifiers; returns the latencies, us.
+    /// A cycle of the Raven's loop: what has arrived goes to the amplifiers; returns the latencies,
+    /// us.
     ///
     /// # Errors
     /// The link has no such way to the amplifiers.

@@ -14,7 +14,8 @@ use wire::UNITS;
 
 /// Most rows that the pictures are made of; more are thinned evenly.
 const MOST_ROWS: usize = 2_000_000;
-/// Half the time over which velocities are taken for the pictures, in rows: published ones have the step of a count.
+/// Half the time over which velocities are taken for the pictures, in rows: published ones have the
+/// step of a count.
 const HALF_WINDOW: usize = 5;
 /// Length of the curves, s.
 const CURVES_S: f64 = 90.0;
@@ -95,7 +96,8 @@ struct Data {
     standing: u64,
 }
 
-/// Tip speed below which the tip counts as standing, m/s: below the slowest of the thesis's groups (4.3: 0 to 2.4 mm/s in six).
+/// Tip speed below which the tip counts as standing, m/s: below the slowest of the thesis's groups
+/// (4.3: 0 to 2.4 mm/s in six).
 const STANDING_M_PER_S: f64 = 0.4e-3;
 
 impl Data {

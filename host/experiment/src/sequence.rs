@@ -132,7 +132,8 @@ pub(crate) fn run_tampered(
     ));
     let used = (experiment.prepare_rig(rig)).map_err(plan::PlanError::Rig)?;
     let folder = Folder::create(root, experiment, rig)?;
-    // All of them before anything is marked: whoever has a trial without a result may still be at it.
+    // All of them before anything is marked: whoever has a trial without a result may still be at
+    // it.
     let _locks = (trials.iter())
         .map(|trial| TrialLock::take(&folder, *trial))
         .collect::<Result<Vec<_>, _>>()?;
@@ -317,7 +318,8 @@ impl Sequence<'_> {
         }
     }
 
-    /// A virtual robot has its own rig for each attempt, at power-on; any other uses the link that is there.
+    /// A virtual robot has its own rig for each attempt, at power-on; any other uses the link that
+    /// is there.
     fn open(&self, trial: &Trial, chips: u64) -> Result<Box<dyn RigLink>, ExperimentError> {
         let SourceConfig::Virtual(config) = &self.experiment.robot else {
             let options = EmbeddedOptions {

@@ -64,7 +64,8 @@ fn the_quick_experiment_gives_a_dataset_whose_label_is_the_true_force() {
     assert!(q1.iter().fold(0.0_f64, |m, q| m.max((q - q1[0]).abs())) > 0.05);
 }
 
-/// Board time at which a trial's profile begins is above this, and a trial of [`SECONDS`] ends after it, s.
+/// Board time at which a trial's profile begins is above this, and a trial of [`SECONDS`] ends
+/// after it, s.
 const DURING_S: f64 = 12.5;
 const SECONDS: f64 = 8.0;
 
@@ -89,8 +90,8 @@ fn in_first_attempt(
     }
 }
 
-/// A robot that goes wrong in the first attempt: the rig is disarmed, the attempt is marked with these words and keeps its
-/// rows, and the trial is repeated.
+/// A robot that goes wrong in the first attempt: the rig is disarmed, the attempt is marked with
+/// these words and keeps its rows, and the trial is repeated.
 fn goes_wrong(
     words: &str,
     change: impl Fn(robot::state::RobotState) -> Vec<robot::state::RobotState> + Send + Clone + 'static,
@@ -323,7 +324,8 @@ fn leave_recording(attempt: &folder::AttemptFolder, rows: &Table, truth: &Table)
     std::fs::write(&file, &whole[..last + 100]).unwrap();
 }
 
-/// Where the records of an MCAP file begin: after the magic, each with an opcode and a length of 8 bytes.
+/// Where the records of an MCAP file begin: after the magic, each with an opcode and a length of 8
+/// bytes.
 fn records(file: &[u8]) -> Vec<usize> {
     let mut at = 8;
     let mut found = Vec::new();

@@ -1,7 +1,9 @@
-//! One trial: prepare the board, tension the cables, let the robot move, follow the force profile, ramp down.
+//! One trial: prepare the board, tension the cables, let the robot move, follow the force profile,
+//! ramp down.
 //!
-//! Whatever ends a trial, the motors end at zero and every row that was joined is in a file. Rows go to the recording, which
-//! brings them to the disk twice a second, so that a program that is killed loses no more; at the end they become one file.
+//! Whatever ends a trial, the motors end at zero and every row that was joined is in a file. Rows
+//! go to the recording, which brings them to the disk twice a second, so that a program that is
+//! killed loses no more; at the end they become one file.
 //!
 
 //! | question | file |

@@ -7,15 +7,17 @@
 //!                                               └─▶ allocation ─▶ 6 tensions + 1/cos
 //! ```
 //!
-//! The load-cell angle is compensated where the tension is computed: the board multiplies each load-cell
-//! force by the 1/cos that goes out with the setpoints, so what it reports is the cable's tension.
+//! The load-cell angle is compensated where the tension is computed: the board multiplies each
+//! load-cell force by the 1/cos that goes out with the setpoints, so what it reports is the cable's
+//! tension.
 //!
-//! Anti-windup has two parts. A commanded force out of reach is replaced, for the error, by the nearest one within
-//! reach, so the integral does not wind up. When the *compensated* force is out of reach, the integral loses what it
-//! has along the excess, at most the excess and never more than is there: it can't change its sign, and what it holds
-//! across the excess stays.
+//! Anti-windup has two parts. A commanded force out of reach is replaced, for the error, by the
+//! nearest one within reach, so the integral does not wind up. When the *compensated* force is out
+//! of reach, the integral loses what it has along the excess, at most the excess and never more
+//! than is there: it can't change its sign, and what it holds across the excess stays.
 //!
-//! A unit that is not available (faulted, switched off) gets no share; the force is allocated to the rest.
+//! A unit that is not available (faulted, switched off) gets no share; the force is allocated to
+//! the rest.
 
 use crate::allocation::{Allocation, AllocationError, Allocator, Fraction, Problem};
 use crate::preview::{reel_um_per_s, Moment, Preview};
@@ -24,7 +26,8 @@ use rig::{Rig, UnitSettings};
 use wire::message::UnitSetpoint;
 use wire::UNITS;
 
-/// Longest time between two cycles that the slew limit and the integral count, s. After a pause they don't jump.
+/// Longest time between two cycles that the slew limit and the integral count, s. After a pause
+/// they don't jump.
 const MAX_DT_S: f64 = 0.1;
 
 /// Input of the controller in each cycle.
@@ -177,7 +180,8 @@ impl Controller {
             force_n: self.slewed_n,
             ..problem
         })?;
-        // Within reach the tie-break costs less than a millinewton: no reason to aim beside the target.
+        // Within reach the tie-break costs less than a millinewton: no reason to aim beside the
+        // target.
         let reference_n = if direct.feasible {
             self.slewed_n
         } else {
@@ -227,7 +231,8 @@ impl Controller {
         })
     }
 
-    /// Setpoints for given cable tensions, N, at this tip (robot base frame, m), which was there at `moment`. Units that are not available get 0.
+    /// Setpoints for given cable tensions, N, at this tip (robot base frame, m), which was there at
+    /// `moment`. Units that are not available get 0.
     ///
     /// # Errors
     /// As [`Controller::step`], apart from the allocation.
@@ -252,7 +257,8 @@ impl Controller {
         }))
     }
 
-    /// How the commanded force compares with what the cables can apply; `direct` is the allocation of the slewed one.
+    /// How the commanded force compares with what the cables can apply; `direct` is the allocation
+    /// of the slewed one.
     fn reach(
         &mut self,
         problem: &Problem,
@@ -289,8 +295,8 @@ fn unwound(integral_n: Vector3<f64>, excess_n: Vector3<f64>) -> Vector3<f64> {
 /// The cables at one tip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cables {
-    /// Unit vectors from the tip to where each cable leaves its reel; zero for a unit that is not available and has
-    /// none.
+    /// Unit vectors from the tip to where each cable leaves its reel; zero for a unit that is not
+    /// available and has none.
     pub directions: [Vector3<f64>; UNITS],
     /// 1/cos of the angle between cable and load cell, times 65,536.
     pub inv_cos_q16: [i32; UNITS],
@@ -300,7 +306,8 @@ impl Cables {
     /// The cables of the available units at a tip, m, robot base frame.
     ///
     /// # Errors
-    /// The tip is outside the workspace, a cable is too far off its load cell's axis, or no unit is available.
+    /// The tip is outside the workspace, a cable is too far off its load cell's axis, or no unit is
+    /// available.
     pub fn at(
         rig: &Rig,
         tip_m: Vector3<f64>,
@@ -455,8 +462,8 @@ mod tests {
             out.reach
         );
         assert!(out.integral_n.norm() <= rig().controller.integral_limit_n + 1e-9);
-        // The way back takes (40 - 2.5) / 20 s of slew; half a second later the rest is the integral's time constant,
-        // and not the 1.5 N of a wound-up one.
+        // The way back takes (40 - 2.5) / 20 s of slew; half a second later the rest is the
+        // integral's time constant, and not the 1.5 N of a wound-up one.
         let back = &outputs[500 + 188 + 50];
         assert!(
             (back.applied_n - Vector3::new(0.0, 2.5, 0.0)).norm() < 0.4,

@@ -1,9 +1,10 @@
-//! Whether the cables can hold zero force at the tip, and how large a force they can apply, over the poses that a rig
-//! file allows.
+//! Whether the cables can hold zero force at the tip, and how large a force they can apply, over
+//! the poses that a rig file allows.
 //!
-//! Every cable pulls at least `tension_min_n` while the rig is armed. Where no tensions within the limits add up to zero
-//! force, an armed rig pulls the robot aside whatever is commanded, so nothing may be armed there. The poses are those of
-//! the pose source: the clamped tip of `source = "static"`, or a grid over the ball `[workspace]`.
+//! Every cable pulls at least `tension_min_n` while the rig is armed. Where no tensions within the
+//! limits add up to zero force, an armed rig pulls the robot aside whatever is commanded, so
+//! nothing may be armed there. The poses are those of the pose source: the clamped tip of
+//! `source = "static"`, or a grid over the ball `[workspace]`.
 
 use crate::allocation::{AllocationError, Allocator, Problem};
 use crate::controller::{problem, Cables, ControlError};
@@ -24,9 +25,11 @@ pub struct Feasibility {
     pub poses: usize,
     /// Poses at which zero force is out of reach.
     pub out_of_reach: usize,
-    /// The pose at which the nearest force is furthest from zero; `None` where zero is within reach everywhere.
+    /// The pose at which the nearest force is furthest from zero; `None` where zero is within reach
+    /// everywhere.
     pub worst: Option<Residual>,
-    /// Largest force along +x, -x, +y, -y, +z, -z that is within reach at every pose, N; 0 where zero is not.
+    /// Largest force along +x, -x, +y, -y, +z, -z that is within reach at every pose, N; 0 where
+    /// zero is not.
     pub least_force_n: [f64; 6],
 }
 
@@ -71,13 +74,14 @@ pub struct ZeroOutOfReach {
 /// Examines the poses of a rig file with the units that are available.
 ///
 /// # Errors
-/// A cable is too far off its load cell's axis at one of the poses, the clamped tip is outside the workspace, or no unit
-/// is available.
+/// A cable is too far off its load cell's axis at one of the poses, the clamped tip is outside the
+/// workspace, or no unit is available.
 pub fn examine(rig: &Rig, available: &[bool; UNITS]) -> Result<Feasibility, ControlError> {
     walk(rig, available, true)
 }
 
-/// As [`examine`] without the largest forces, which take most of its time: `least_force_n` is infinite.
+/// As [`examine`] without the largest forces, which take most of its time: `least_force_n` is
+/// infinite.
 ///
 /// # Errors
 /// As [`examine`].
@@ -115,8 +119,8 @@ fn walk(rig: &Rig, available: &[bool; UNITS], forces: bool) -> Result<Feasibilit
     Ok(found)
 }
 
-/// Force that the available cables apply at least at a tip where zero is commanded, N; `None` where zero is within
-/// reach.
+/// Force that the available cables apply at least at a tip where zero is commanded, N; `None` where
+/// zero is within reach.
 ///
 /// # Errors
 /// As [`examine`], at this tip.
@@ -130,7 +134,8 @@ pub fn residual_at(
     Ok((!allocation.feasible).then_some(allocation.residual_n))
 }
 
-/// Largest force within reach along an axis (0 to 5: +x, -x, +y, -y, +z, -z), N; 0 where the solver fails.
+/// Largest force within reach along an axis (0 to 5: +x, -x, +y, -y, +z, -z), N; 0 where the solver
+/// fails.
 fn largest_n(
     allocator: &mut Allocator,
     zero: &Problem,

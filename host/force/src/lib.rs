@@ -1,4 +1,5 @@
-//! From a Cartesian force to six tensions: pose, controller, allocation, feasibility, and how well the force was held.
+//! From a Cartesian force to six tensions: pose, controller, allocation, feasibility, and how well
+//! the force was held.
 
 pub mod allocation;
 pub mod controller;

@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 use serde::Serialize;
 use wire::UNITS;
 
-/// Half the width of the band that counts as settled, N: 5 % of the 2.5 N of the rig's first demonstration.
+/// Half the width of the band that counts as settled, N: 5 % of the 2.5 N of the rig's first
+/// demonstration.
 pub const SETTLED_WITHIN_N: f64 = 0.125;
 
 /// How long an error has to stay within that to count as settled, s.
@@ -50,7 +51,8 @@ impl Step {
     }
 }
 
-/// Figures of a run. "Applied" is the plant's truth where there is one, the load cells' estimate otherwise.
+/// Figures of a run. "Applied" is the plant's truth where there is one, the load cells' estimate
+/// otherwise.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Metrics {
     /// Whether force and tensions are the plant's truth.
@@ -66,14 +68,14 @@ pub struct Metrics {
     /// Root mean square of the error's length while steady, N.
     pub tip_force_rms_n: f64,
     /// Time from the command until the error begins to stay within [`SETTLED_WITHIN_N`] for
-    /// [`SETTLED_FOR_S`], s; `None`: it never does. Errors are averaged over 100 ms, so that one noisy cycle is not a
-    /// failure to settle.
+    /// [`SETTLED_FOR_S`], s; `None`: it never does. Errors are averaged over 100 ms, so that one
+    /// noisy cycle is not a failure to settle.
     pub settling_s: Option<f64>,
-    /// The same for the component along the commanded direction alone: the step response, without the errors that
-    /// friction reversals make across it.
+    /// The same for the component along the commanded direction alone: the step response, without
+    /// the errors that friction reversals make across it.
     pub settling_along_s: Option<f64>,
-    /// Part of the time after settling in which that averaged error is within the band. Below 1 where friction
-    /// that changes sides (the robot turns round) pushes the force out for a moment.
+    /// Part of the time after settling in which that averaged error is within the band. Below 1
+    /// where friction that changes sides (the robot turns round) pushes the force out for a moment.
     pub within_band: f64,
     /// Mean setpoint of each cable's tension while steady, N.
     pub tension_setpoint_n: [f64; UNITS],
@@ -88,7 +90,8 @@ pub struct Metrics {
 /// Cycles over which an error is averaged before it is held against the band: 100 ms.
 const SMOOTH_CYCLES: usize = 10;
 
-/// Figures of the cycles of a run; `commanded_n` is the commanded force, N. `None` where no cycle is steady.
+/// Figures of the cycles of a run; `commanded_n` is the commanded force, N. `None` where no cycle
+/// is steady.
 #[must_use]
 pub fn of_run(commanded_n: Vector3<f64>, steps: &[Step]) -> Option<Metrics> {
     let commanded: Vec<&Step> = steps.iter().filter(|step| step.t_s >= 0.0).collect();
@@ -142,8 +145,8 @@ pub fn of_run(commanded_n: Vector3<f64>, steps: &[Step]) -> Option<Metrics> {
     })
 }
 
-/// When the averaged error enters the band and stays for [`SETTLED_FOR_S`], and the part of the time after that
-/// in which it is within.
+/// When the averaged error enters the band and stays for [`SETTLED_FOR_S`], and the part of the
+/// time after that in which it is within.
 fn settling(
     commanded_n: Vector3<f64>,
     commanded: &[&Step],
@@ -192,7 +195,8 @@ mod tests {
 
     #[test]
     fn a_first_order_rise_settles_where_it_should() {
-        // 2.5 (1 - exp(-t/0.1)): within 0.125 N after 0.1 ln 20 = 0.2996 s, the average 50 ms later or so.
+        // 2.5 (1 - exp(-t/0.1)): within 0.125 N after 0.1 ln 20 = 0.2996 s, the average 50 ms later
+        // or so.
         let steps: Vec<Step> = (-50..500)
             .map(|n| {
                 let t = f64::from(n) * 0.01;

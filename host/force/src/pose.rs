@@ -1,17 +1,21 @@
 //! Where the robot's tip is.
 //!
-//! The embedded rig reports its robot's pose with the link. On a real rig the robot's own software does:
+//! The embedded rig reports its robot's pose with the link. On a real rig the robot's own software
+//! does:
 //!
-//! * `source = "udp"`: one JSON object to a datagram, newline or not, sent at 100 Hz or faster, shaped like a
-//!   CRTK `measured_cp` message. Only the position is used, in metres in the robot's base frame:
+//! * `source = "udp"`: one JSON object to a datagram, newline or not, sent at 100 Hz or faster,
+//!   shaped like a CRTK `measured_cp` message. Only the position is used, in metres in the robot's
+//!   base frame:
 //!
 //!   ```json
 //!   {"measured_cp": {"position": [-0.08, 0.025, -0.14]}}
 //!   ```
 //!
-//!   The shapes are those of [`robot::source::Udp`]. `{"position": [x, y, z]}` and `{"position": {"x": x, "y": y, "z": z}}` do as
-//!   well, other keys are ignored. Every pose passes [`robot::watch::Watch`]: a pose older than `max_age_s`, or none at all, a
-//!   tip that jumps, another `frame_id`, a second sender, and an `operating_state` that is FAULT or DISABLED stop the rig.
+//!   The shapes are those of [`robot::source::Udp`]. `{"position": [x, y, z]}` and
+//!   `{"position": {"x": x, "y": y, "z": z}}` do as well, other keys are ignored. Every pose passes
+//!   [`robot::watch::Watch`]: a pose older than `max_age_s`, or none at all, a tip that jumps,
+//!   another `frame_id`, a second sender, and an `operating_state` that is FAULT or DISABLED stop
+//!   the rig.
 //! * `source = "static"`: the tip is clamped at `position_m`.
 
 use crate::preview::Moment;
@@ -100,7 +104,8 @@ impl PoseSource {
         })
     }
 
-    /// The tip now, robot base frame, m; `from_link` is what the link reported last, where that is not too old.
+    /// The tip now, robot base frame, m; `from_link` is what the link reported last, where that is
+    /// not too old.
     ///
     /// # Errors
     /// There is none, it is too old, or it is not to be believed.
@@ -112,8 +117,8 @@ impl PoseSource {
         }
     }
 
-    /// The tip as [`Self::tip_m`] has it, and when it was there. `from_link`: what the link reported last, and when, ns; `now_ns`: the link's
-    /// time. A clamped tip has no time.
+    /// The tip as [`Self::tip_m`] has it, and when it was there. `from_link`: what the link
+    /// reported last, and when, ns; `now_ns`: the link's time. A clamped tip has no time.
     ///
     /// # Errors
     /// As [`Self::tip_m`].
@@ -138,8 +143,8 @@ impl PoseSource {
         Ok((tip_m, moment))
     }
 
-    /// Drops every pose that was received until now, also those that wait in the socket: only a later one counts.
-    /// Datagrams that queued up while the board was prepared are seconds old.
+    /// Drops every pose that was received until now, also those that wait in the socket: only a
+    /// later one counts. Datagrams that queued up while the board was prepared are seconds old.
     pub fn discard(&mut self) {
         if let Self::Udp(poses) = self {
             poses.source.forget();

@@ -1,17 +1,17 @@
-//! How fast each reel will have to wind in because the robot moves: what goes to the board with a setpoint, where it is known
-//! well enough ([`wire::message::UnitSetpoint::reel_um_per_s`]).
+//! How fast each reel will have to wind in because the robot moves: what goes to the board with a
+//! setpoint, where it is known well enough ([`wire::message::UnitSetpoint::reel_um_per_s`]).
 
 use control::unit::REEL_SPEED_MAX_UM_PER_S;
 use nalgebra::Vector3;
 use robot::motion::Motion;
 
-/// Largest standard deviation of the tip's speed that is sent, m/s. Poses at 100 Hz reach it at some 8 um of noise. With worse ones the
-/// largest tension error was larger with the speed than without (example `tension_loop` of control, presliding distance
-/// twice the declared one).
+/// Largest standard deviation of the tip's speed that is sent, m/s. Poses at 100 Hz reach it at
+/// some 8 um of noise. With worse ones the largest tension error was larger with the speed than
+/// without (example `tension_loop` of control, presliding distance twice the declared one).
 pub const SD_M_PER_S: f64 = 1.2e-4;
 
-/// How far ahead the speed is predicted, s: to the middle of the 10 ms until the next setpoints (5 ms), and to the middle of the time
-/// for which the board holds a command (1.5 ms).
+/// How far ahead the speed is predicted, s: to the middle of the 10 ms until the next setpoints (5
+/// ms), and to the middle of the time for which the board holds a command (1.5 ms).
 pub const AHEAD_S: f64 = 6.5e-3;
 
 /// When a pose was, on a clock of its source.
@@ -30,8 +30,8 @@ pub struct Preview {
 }
 
 impl Preview {
-    /// Takes a cycle's pose. The tip's speed while its setpoints hold, m/s, where it is known well enough to be sent; never without
-    /// the time of the pose.
+    /// Takes a cycle's pose. The tip's speed while its setpoints hold, m/s, where it is known well
+    /// enough to be sent; never without the time of the pose.
     pub fn see(&mut self, tip_m: Vector3<f64>, moment: Option<Moment>) -> Option<Vector3<f64>> {
         let Some(moment) = moment else {
             self.motion = Motion::default();
@@ -45,8 +45,8 @@ impl Preview {
     }
 }
 
-/// Speed of the reel whose cable pulls in `direction` (unit vector) at a tip of this velocity, m/s; `None` where it is more
-/// than a setpoint may tell.
+/// Speed of the reel whose cable pulls in `direction` (unit vector) at a tip of this velocity, m/s;
+/// `None` where it is more than a setpoint may tell.
 #[must_use]
 pub fn reel_um_per_s(direction: &Vector3<f64>, velocity_m_per_s: &Vector3<f64>) -> Option<i32> {
     // A tip that moves towards the reel lets its cable go slack: the reel has to wind in.

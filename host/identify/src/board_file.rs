@@ -64,8 +64,8 @@ pub enum BoardFileError {
 type Result<T> = std::result::Result<T, BoardFileError>;
 
 impl BoardFile {
-    /// Opens a rig file for what an analysis by `model` will find. `increment`: the model declares the values of the rig file,
-    /// and the findings are added to them.
+    /// Opens a rig file for what an analysis by `model` will find. `increment`: the model declares
+    /// the values of the rig file, and the findings are added to them.
     ///
     /// # Errors
     /// The file can't be used, or the model's findings can't be put into it.
@@ -96,7 +96,8 @@ impl BoardFile {
         })
     }
 
-    /// Writes a copy with what the board can use of a report to the folder `out`, as `NAME.residual.toml`.
+    /// Writes a copy with what the board can use of a report to the folder `out`, as
+    /// `NAME.residual.toml`.
     ///
     /// # Errors
     /// The text can't be edited, or the copy not written.

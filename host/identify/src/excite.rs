@@ -18,15 +18,17 @@ const PRETENSION_S: f64 = 1.0;
 const SETTLE_S: f64 = 1.5;
 /// Distance of the commands from the tensions that the rig file allows, N.
 const MARGIN_N: f64 = 1.0;
-/// Largest amplitude of the commands, N. Six cables out of step, and their friction, make 8 N at the tip with it.
+/// Largest amplitude of the commands, N. Six cables out of step, and their friction, make 8 N at
+/// the tip with it.
 const MAX_AMPLITUDE_N: f64 = 1.5;
 /// Smallest amplitude of the commands, N: a smaller one shows nothing.
 const MIN_AMPLITUDE_N: f64 = 0.5;
-/// Part of the largest swing with which a session begins again that a fault 45 ended: the smallest commands, up to 2 N above
-/// the least tension. An amplifier whose gain is off by 30 % is then off by 1.2 N at most, which the board permits.
+/// Part of the largest swing with which a session begins again that a fault 45 ended: the smallest
+/// commands, up to 2 N above the least tension. An amplifier whose gain is off by 30 % is then off
+/// by 1.2 N at most, which the board permits.
 pub const SMALL_SWING: f64 = MIN_AMPLITUDE_N / MAX_AMPLITUDE_N;
-/// Part of the rig file's force limit above which the swing is reduced. The rest is for the force's growth until the
-/// reduction takes effect.
+/// Part of the rig file's force limit above which the swing is reduced. The rest is for the force's
+/// growth until the reduction takes effect.
 const EASE_ABOVE: f64 = 0.85;
 /// Factor on the swing for each setpoint period (10 ms) above that: one half after 0.23 s.
 const EASE_PER_CYCLE: f64 = 0.97;
@@ -36,11 +38,12 @@ const SINES_HZ: [f64; 5] = [0.11, 0.27, 0.63, 1.37, 2.90];
 pub(super) const MIN_SESSION_S: f64 = 8.0;
 const MAX_SESSION_S: f64 = 600.0;
 
-/// Drives the cables with the loops open and records the samples. The commands begin with this part of the largest swing,
-/// [`SMALL_SWING`] to 1.
+/// Drives the cables with the loops open and records the samples. The commands begin with this part
+/// of the largest swing, [`SMALL_SWING`] to 1.
 ///
 /// # Errors
-/// [`RunError`]; the rig was made safe as far as the link allowed. Any fault ends the session: a part of it can't be analysed.
+/// [`RunError`]; the rig was made safe as far as the link allowed. Any fault ends the session: a
+/// part of it can't be analysed.
 pub fn excite(
     link: &mut dyn RigLink,
     rig: &Rig,
@@ -260,7 +263,8 @@ impl Excitation<'_> {
         if force_n > limit_n {
             return Err(Fault::AboveLimit { force_n, limit_n }.into());
         }
-        // Never increased again: a command that follows the force is feedback, which the analysis would take for drive.
+        // Never increased again: a command that follows the force is feedback, which the analysis
+        // would take for drive.
         if force_n > EASE_ABOVE * limit_n {
             self.swing = (self.swing * EASE_PER_CYCLE).max(MIN_AMPLITUDE_N / MAX_AMPLITUDE_N);
         }

@@ -1,4 +1,5 @@
-//! The figures by which a correction is judged: tension errors and the error at the tip, before and after.
+//! The figures by which a correction is judged: tension errors and the error at the tip, before and
+//! after.
 
 use run::Outcome;
 use serde::Serialize;

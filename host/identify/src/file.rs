@@ -40,7 +40,8 @@ pub fn write(path: &Path, text: &str) -> Result<(), FileError> {
     std::fs::write(path, text).map_err(FileError::at(path))
 }
 
-/// Replaces a rig file by a new one. The old file stays beside it under a new name. Returns both paths.
+/// Replaces a rig file by a new one. The old file stays beside it under a new name. Returns both
+/// paths.
 ///
 /// # Errors
 /// One of them can't be written; the rig file is then as it was.

@@ -9,11 +9,13 @@ use serde::Serialize;
 use std::path::Path;
 use wire::UNITS;
 
-/// Largest reduction of the held-out RMSE by structure without a name, as a part of the reduction by the findings, with
-/// which a board may use the findings. Above it their parameters may stand for another effect.
+/// Largest reduction of the held-out RMSE by structure without a name, as a part of the reduction
+/// by the findings, with which a board may use the findings. Above it their parameters may stand
+/// for another effect.
 pub const MAX_UNEXPLAINED: f64 = 0.1;
 
-/// Blocks that a recording is held out in, and their longest duration, s: that of the usual recording of 40 s.
+/// Blocks that a recording is held out in, and their longest duration, s: that of the usual
+/// recording of 40 s.
 const BLOCKS: f64 = 10.0;
 const LONGEST_BLOCK_S: f64 = 4.0;
 
@@ -63,8 +65,8 @@ pub enum FindError {
     Rewrite(String),
 }
 
-/// Analyses a recording unit by unit, with reports in folders below `out`, and puts what the board can use into the
-/// text of the rig file.
+/// Analyses a recording unit by unit, with reports in folders below `out`, and puts what the board
+/// can use into the text of the rig file.
 ///
 /// # Errors
 /// [`FindError`].
@@ -132,10 +134,11 @@ fn delay_s(report: &Report) -> f64 {
         .map_or(0.0, |compensation| compensation.delay_s)
 }
 
-/// The delay that each unit's gains have to allow for, s, from those that were found; `None`: the unit took no part. A
-/// loop whose gains are too high for its delay swings until a fault ends it, and one whose gains are lower than needed only
-/// settles later. So a delay counts also where the rest of a unit's verdict doesn't, and where more than half of the units have one the
-/// others are taken to have their median: six drives of one kind.
+/// The delay that each unit's gains have to allow for, s, from those that were found; `None`: the
+/// unit took no part. A loop whose gains are too high for its delay swings until a fault ends it,
+/// and one whose gains are lower than needed only settles later. So a delay counts also where the
+/// rest of a unit's verdict doesn't, and where more than half of the units have one the others are
+/// taken to have their median: six drives of one kind.
 fn delays_of_all(found: [Option<f64>; UNITS]) -> [f64; UNITS] {
     let mut late: Vec<f64> = found.into_iter().flatten().filter(|s| *s > 0.0).collect();
     late.sort_unstable_by(f64::total_cmp);
@@ -169,7 +172,8 @@ pub fn advice(report: &Report) -> Vec<String> {
     out
 }
 
-/// Analyses the log of one unit in blocks of `block_s` seconds, with its files in a folder below `out`.
+/// Analyses the log of one unit in blocks of `block_s` seconds, with its files in a folder below
+/// `out`.
 fn analyse(unit: &UnitSettings, block_s: f64, csv: &str, out: &Path) -> Result<Report, FindError> {
     let folder = out.join(format!("unit{}", unit.number));
     let log = folder.join("session.csv");
@@ -195,7 +199,8 @@ fn analyse(unit: &UnitSettings, block_s: f64, csv: &str, out: &Path) -> Result<R
         })
 }
 
-/// The error with what the user of `identify` can do, who has neither files nor a model file of the analysis.
+/// The error with what the user of `identify` can do, who has neither files nor a model file of the
+/// analysis.
 fn advised(error: residual::Error) -> residual::Error {
     match error {
         residual::Error::Data { what, .. } => residual::Error::Data {

@@ -1,9 +1,12 @@
-//! How much better the force is held with the findings: gain over repeated pairs of runs, with its interval.
+//! How much better the force is held with the findings: gain over repeated pairs of runs, with its
+//! interval.
 //!
-//! One pair shows a gain of a few per cent by chance as often as not: zeros are taken anew for each run, and the robot does
-//! not move twice in the same way. So the pair is repeated until the interval of the gain excludes zero. It is looked at after
-//! each pair, up to nine times, and each look has a chance of its own to exclude zero wrongly. The interval of one look is
-//! therefore that of 99 %: where nothing changes, one of the nine looks decides in 5 % of all trials, as a test counts.
+//! One pair shows a gain of a few per cent by chance as often as not: zeros are taken anew for each
+//! run, and the robot does not move twice in the same way. So the pair is repeated until the
+//! interval of the gain excludes zero. It is looked at after each pair, up to nine times, and each
+//! look has a chance of its own to exclude zero wrongly. The interval of one look is therefore that
+//! of 99 %: where nothing changes, one of the nine looks decides in 5 % of all trials, as a test
+//! counts.
 
 use super::Figures;
 use serde::Serialize;
@@ -38,14 +41,16 @@ pub struct Gain {
     pub pairs: usize,
     /// Mean over the pairs; 0.1 is an error that is smaller by 10 %.
     pub mean: f64,
-    /// Interval of the mean, 95 % over all looks: 99 % by Student's t for this one. `None` for one pair.
+    /// Interval of the mean, 95 % over all looks: 99 % by Student's t for this one. `None` for one
+    /// pair.
     pub interval: Option<[f64; 2]>,
     /// Mean growth of the error at the tip, as a part of it.
     pub tip_growth: f64,
 }
 
 impl Gain {
-    /// Of pairs of runs; equal ones count once, as a copy confirms nothing. `None` without a pair, or where the error is zero, infinite or NaN.
+    /// Of pairs of runs; equal ones count once, as a copy confirms nothing. `None` without a pair,
+    /// or where the error is zero, infinite or NaN.
     #[must_use]
     pub fn of(pairs: &[Pair]) -> Option<Self> {
         let mut used: Vec<&Pair> = Vec::new();
@@ -92,7 +97,8 @@ impl Gain {
             .is_some_and(|[low, high]| low > 0.0 || high < 0.0)
     }
 
-    /// Whether the findings make it better: a gain above zero for sure, of 2 % or more, and no loss at the tip above 5 %.
+    /// Whether the findings make it better: a gain above zero for sure, of 2 % or more, and no loss
+    /// at the tip above 5 %.
     #[must_use]
     pub fn is_better(&self) -> bool {
         self.is_decided() && self.mean >= MATERIAL && self.tip_growth <= TIP_MARGIN
@@ -186,7 +192,8 @@ mod tests {
         assert!((high - (1.0 - (-0.5 - half).exp())).abs() < 1e-9, "{high}");
     }
 
-    /// Findings that change nothing, tried pair by pair until it is decided: the chance of all looks together.
+    /// Findings that change nothing, tried pair by pair until it is decided: the chance of all
+    /// looks together.
     #[test]
     fn where_nothing_changes_one_trial_in_twenty_decides() {
         let mut random = SplitMix64::new(7);

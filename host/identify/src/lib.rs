@@ -15,26 +15,29 @@
 //!
 //! # Why the loop is opened
 //!
-//! In the closed loop the command reacts to the disturbance that is searched for: friction that lowers the tension
-//! raises the command, and a fit of tension over command sees the feedback as much as the drive. So
-//! [`excite`] runs the board with all gains at zero and without feedforward: the command is the setpoint, and nothing
-//! but the setpoint. A rig that would oscillate in closed loop, such as one with a delay in the drive, does not oscillate here.
-//! The board's own protections act as always: force limit, slew limits, over-tension, slack brake,
-//! expiring setpoints, E-stop. The commands stay 1 N inside the tensions that the rig file allows, so no
-//! friction that the board could compensate lets a cable go slack. Friction that is not compensated pulls at the tip:
-//! near the rig file's force limit the commands swing less from then on, and above the limit the host ends the session.
+//! In the closed loop the command reacts to the disturbance that is searched for: friction that
+//! lowers the tension raises the command, and a fit of tension over command sees the feedback as
+//! much as the drive. So [`excite`] runs the board with all gains at zero and without feedforward:
+//! the command is the setpoint, and nothing but the setpoint. A rig that would oscillate in closed
+//! loop, such as one with a delay in the drive, does not oscillate here. The board's own
+//! protections act as always: force limit, slew limits, over-tension, slack brake, expiring
+//! setpoints, E-stop. The commands stay 1 N inside the tensions that the rig file allows, so no
+//! friction that the board could compensate lets a cable go slack. Friction that is not compensated
+//! pulls at the tip: near the rig file's force limit the commands swing less from then on, and
+//! above the limit the host ends the session.
 //!
 //! # How effects are separated
 //!
-//! The robot has to move: reels that rest hold any force. Its path makes them turn both ways at many speeds and
-//! through many angles. Each cable's command is a sum of five sines from 0.1 to 4 Hz, at frequencies of its own, so
-//! that load, speed, angle, time and the neighbours' loads are uncorrelated.
+//! The robot has to move: reels that rest hold any force. Its path makes them turn both ways at
+//! many speeds and through many angles. Each cable's command is a sum of five sines from 0.1 to 4
+//! Hz, at frequencies of its own, so that load, speed, angle, time and the neighbours' loads are
+//! uncorrelated.
 //!
 //! # Times
 //!
-//! A converter's value is 6.25 ms old when it is ready (sinc4, four conversions long). [`Recording::rows`] takes
-//! command, travel and speed from that much earlier, and the command half a sample later again, since the DAC holds it
-//! for one.
+//! A converter's value is 6.25 ms old when it is ready (sinc4, four conversions long).
+//! [`Recording::rows`] takes command, travel and speed from that much earlier, and the command half
+//! a sample later again, since the DAC holds it for one.
 
 mod board_file;
 mod excite;

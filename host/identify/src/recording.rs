@@ -23,7 +23,8 @@ pub struct Recording {
     pub(super) configs: [UnitConfig; UNITS],
     /// Units that took part.
     pub available: [bool; UNITS],
-    /// Part of the amplitude that was left at the end; below 1 where the force at the tip came near the limit.
+    /// Part of the amplitude that was left at the end; below 1 where the force at the tip came near
+    /// the limit.
     pub swing: f64,
 }
 

@@ -44,8 +44,8 @@ impl Trial {
         })
     }
 
-    /// Writes the report, its JSON and a plot to a folder. A file that can't be written costs only itself. Returns what went
-    /// wrong.
+    /// Writes the report, its JSON and a plot to a folder. A file that can't be written costs only
+    /// itself. Returns what went wrong.
     #[must_use]
     pub fn write(&self, out: &Path, rig_name: &str) -> Vec<FileError> {
         let plot = self.after.as_ref().map(|after| {

@@ -140,8 +140,9 @@ fn runs_of_one_emulated_rig_have_figures_of_their_own() {
     assert!(ratio != 1.0 && (0.5..2.0).contains(&ratio), "{ratio}");
 }
 
-/// Behind fault 45 the board may latch fault 15: the cable of the unit whose load cell is in doubt went slack by the robot, and its
-/// reel shows nothing. Other cables are tight for some time, and the board refuses a clear meanwhile.
+/// Behind fault 45 the board may latch fault 15: the cable of the unit whose load cell is in doubt
+/// went slack by the robot, and its reel shows nothing. Other cables are tight for some time, and
+/// the board refuses a clear meanwhile.
 #[test]
 fn a_session_that_a_late_drive_ends_is_cleared() {
     let folder = tempfile::tempdir().unwrap();

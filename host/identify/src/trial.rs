@@ -1,4 +1,5 @@
-//! The trial of the findings: pairs of runs without and with them, until it is decided whether the force is held better.
+//! The trial of the findings: pairs of runs without and with them, until it is decided whether the
+//! force is held better.
 
 use super::{Figures, Findings, Gain, Pair, FEWEST_PAIRS};
 use rig::Rig;
@@ -12,9 +13,11 @@ use std::time::Duration;
 use wire::message::{CommandError, Status, UnitStatus};
 use wire::Command;
 
-/// Time after a session in which cables come to rest and the board's watch over 0 V (75 ms) is over.
+/// Time after a session in which cables come to rest and the board's watch over 0 V (75 ms) is
+/// over.
 const REST: Duration = Duration::from_secs(1);
-/// Time in which a robot that moves lets a tight cable go: half of the embedded robot's slowest period.
+/// Time in which a robot that moves lets a tight cable go: half of the embedded robot's slowest
+/// period.
 const CLEAR_TIMEOUT: Duration = Duration::from_secs(10);
 /// Bits 23 to 0 of the detail of a fault 15 whose unit has no tension that is believed.
 const TENSION_UNKNOWN: u32 = 0xFF_FFFF;
@@ -45,8 +48,8 @@ pub enum HoldError {
     Short,
 }
 
-/// Holds a force in a session of its own. With `clear`, a fault 45 that ended it is cleared. Where its cause is still there it
-/// stays latched, and the next session does not begin.
+/// Holds a force in a session of its own. With `clear`, a fault 45 that ended it is cleared. Where
+/// its cause is still there it stays latched, and the next session does not begin.
 ///
 /// # Errors
 /// [`HoldError`]; the rig was made safe as far as the link allowed.
@@ -80,15 +83,18 @@ pub fn hold(
     Ok(Held::Whole(outcome, figures))
 }
 
-/// Clears the board's faults after a session that a fault 45 ended, once the cables have come to rest.
+/// Clears the board's faults after a session that a fault 45 ended, once the cables have come to
+/// rest.
 ///
-/// A unit with fault 45 has a load cell that is not believed. Where its reel does not pay out (the robot came towards it, and the
-/// cable went slack by that), nothing shows that 0 V had an effect, and the board latches fault 15 as well. That fault is cleared
-/// with it: before the next arming the board tries the amplifiers' power out, and an output that is stuck latches it again. A
-/// fault 15 of another unit, or one that a tension shows, is not cleared.
+/// A unit with fault 45 has a load cell that is not believed. Where its reel does not pay out (the
+/// robot came towards it, and the cable went slack by that), nothing shows that 0 V had an effect,
+/// and the board latches fault 15 as well. That fault is cleared with it: before the next arming
+/// the board tries the amplifiers' power out, and an output that is stuck latches it again. A fault
+/// 15 of another unit, or one that a tension shows, is not cleared.
 ///
 /// # Errors
-/// Another fault is latched, the E-stop is open, `stop` was set, or the board refuses: the cause of a fault is still there.
+/// Another fault is latched, the E-stop is open, `stop` was set, or the board refuses: the cause of
+/// a fault is still there.
 pub fn clear_faults(
     link: &mut dyn RigLink,
     stop: &AtomicBool,
@@ -108,7 +114,8 @@ pub fn clear_faults(
     }
     let mut patience = Patience::new(CLEAR_TIMEOUT, session.now_ns());
     loop {
-        // Also what came while a cable was tight: a refused clear takes away what has no cause any more.
+        // Also what came while a cable was tight: a refused clear takes away what has no cause any
+        // more.
         let status = session.get_status()?;
         if let Some(fault) = other_fault(&status) {
             return Err(Fault::Latched(fault).into());
@@ -121,7 +128,8 @@ pub fn clear_faults(
             return Err(RunError::Interrupted);
         }
         match session.command(&Command::ClearFaults) {
-            // A cable that the robot holds above 1.7 N at 0 V is refused until the robot lets it go.
+            // A cable that the robot holds above 1.7 N at 0 V is refused until the robot lets it
+            // go.
             Err(SessionError::Refused { refusal, .. })
                 if refusal == CommandError::Faulted(control::Fault::OutputStuck.code())
                     && !patience.is_over(session.now_ns(), session.status().map(|s| s.t_us)) =>
@@ -133,7 +141,8 @@ pub fn clear_faults(
     }
 }
 
-/// The first latched fault that is neither a unit's fault 45 nor, of such a unit, a fault 15 without a tension.
+/// The first latched fault that is neither a unit's fault 45 nor, of such a unit, a fault 15
+/// without a tension.
 pub(super) fn other_fault(status: &Status) -> Option<LatchedFault> {
     let doubted = |unit: &UnitStatus| unit.fault == control::Fault::Implausible.code();
     let unseen = |detail: u32| {
@@ -163,7 +172,8 @@ pub fn is_implausible(error: &RunError) -> bool {
     matches!(error, RunError::Fault(Fault::Latched(fault)) if fault.code == control::Fault::Implausible.code())
 }
 
-/// The units in words, where all faults of a session are fault 45 of units. A fault 15 behind it is [`clear_faults`]' to judge.
+/// The units in words, where all faults of a session are fault 45 of units. A fault 15 behind it is
+/// [`clear_faults`]' to judge.
 fn implausible(faults: &[RunFault]) -> Option<String> {
     let behind = |fault: &&RunFault| {
         fault.unit.is_none() && fault.code == control::Fault::OutputStuck.code()
@@ -286,8 +296,9 @@ impl Trial {
         }
     }
 
-    /// Holds the force with the findings, and repeats the pair of runs until the gain is decided or `most` pairs are
-    /// there. Without findings nothing is driven. [`Trial::left`] says why it is not better with them.
+    /// Holds the force with the findings, and repeats the pair of runs until the gain is decided or
+    /// `most` pairs are there. Without findings nothing is driven. [`Trial::left`] says why it is
+    /// not better with them.
     ///
     /// # Errors
     /// Those of `hold`, which does a run.
@@ -337,7 +348,8 @@ impl Trial {
                 Held::Implausible(_, why) => return Ok(Some(Left::NotHeld(why))),
             }
             self.figures.1 = Figures::mean(&afters);
-            // Without a session to the end there is nothing to compare. What holds the force again and again is better.
+            // Without a session to the end there is nothing to compare. What holds the force again
+            // and again is better.
             let (None, Some(without)) = (&self.stopped, before) else {
                 if pair < FEWEST_PAIRS {
                     continue;

@@ -1,7 +1,9 @@
-//! A rig's calibration before anything was measured, and how a calibration enters the settings of a rig file.
+//! A rig's calibration before anything was measured, and how a calibration enters the settings of a
+//! rig file.
 //!
-//! A [`Record`] has an entry for every unit, measured or not. What was not measured is the rig file's, with the
-//! uncertainty of a nominal value, and has no date. Only what has a date replaces the rig file's numbers.
+//! A [`Record`] has an entry for every unit, measured or not. What was not measured is the rig
+//! file's, with the uncertainty of a nominal value, and has no date. Only what has a date replaces
+//! the rig file's numbers.
 
 use crate::checks::Validity;
 use crate::store::Store;
@@ -11,7 +13,8 @@ use calibration::STANDARD_GRAVITY_M_PER_S2;
 use nalgebra::{Matrix3, SMatrix};
 use rig::{CellSettings, Rig};
 
-/// Relative standard uncertainty of a nominal scale: the rig's files have 6.2e-6 to 7.3e-6 N per code.
+/// Relative standard uncertainty of a nominal scale: the rig's files have 6.2e-6 to 7.3e-6 N per
+/// code.
 pub const NOMINAL_SCALE_SD: f64 = 0.05;
 /// Standard uncertainty of a coordinate taken with a tape measure, m.
 pub const NOMINAL_POSITION_SD_M: f64 = 0.005;
@@ -27,7 +30,8 @@ pub fn nominal(rig: &Rig, date: &str) -> Record {
         .units
         .iter()
         .map(|unit| {
-            // A rig file rounds its axes: off unit length, the covariance across them would not be one.
+            // A rig file rounds its axes: off unit length, the covariance across them would not be
+            // one.
             let axis = unit.axis.normalize();
             let mut out = UnitRecord {
                 number: unit.number,
@@ -115,10 +119,12 @@ pub fn continued(
     Ok(record)
 }
 
-/// Middle of the tensions of the thesis (2 to 12 N), N, and their standard deviation about it where all are equally likely.
+/// Middle of the tensions of the thesis (2 to 12 N), N, and their standard deviation about it where
+/// all are equally likely.
 const TENSIONS_N: (f64, f64) = (7.0, 2.9);
 
-/// A correction that changes the force by less than this at most is not sent to the board, N: the goal for a zero.
+/// A correction that changes the force by less than this at most is not sent to the board, N: the
+/// goal for a zero.
 pub const LEAST_GAIN_N: f64 = 0.005;
 /// Largest force on a cell in use, N.
 const LARGEST_N: f64 = 12.0;
@@ -130,10 +136,11 @@ pub struct Conversion {
     pub n_per_code: f64,
     /// Curve and creep.
     pub cell: CellSettings,
-    /// What curve and creep that are not corrected, or not known well, leave of the force (relative standard deviation over
-    /// the tensions).
+    /// What curve and creep that are not corrected, or not known well, leave of the force (relative
+    /// standard deviation over the tensions).
     pub left_relative_sd: f64,
-    /// Largest change of the force by the curve and by the creep that were measured, N, and whether the board corrects them.
+    /// Largest change of the force by the curve and by the creep that were measured, N, and whether
+    /// the board corrects them.
     pub curve: Correction,
     /// The same for the creep.
     pub creep: Correction,
@@ -146,7 +153,8 @@ pub struct Correction {
     pub worth_n: f64,
     /// Standard uncertainty of that, N.
     pub sd_n: f64,
-    /// Whether it pays: worth more than [`LEAST_GAIN_N`] and than two of its standard uncertainties.
+    /// Whether it pays: worth more than [`LEAST_GAIN_N`] and than two of its standard
+    /// uncertainties.
     pub pays: bool,
 }
 
@@ -160,8 +168,8 @@ impl Correction {
     }
 }
 
-/// The conversion of a unit. A curve that pays is corrected; for one that does not, the chord at 7 N stands, whose error is a
-/// part of that of the slope at no load. Creep that pays is corrected.
+/// The conversion of a unit. A curve that pays is corrected; for one that does not, the chord at 7
+/// N stands, whose error is a part of that of the slope at no load. Creep that pays is corrected.
 #[must_use]
 pub fn conversion(unit: &UnitRecord) -> Conversion {
     let scale = unit.n_per_code;
@@ -197,8 +205,9 @@ pub fn conversion(unit: &UnitRecord) -> Conversion {
     }
 }
 
-/// The rig as every command and every job of the service uses it: with its stored calibration in place of the rig file's
-/// numbers, where there is one. The one place for this rule. `seed`: that of an emulated rig, which is another rig for each.
+/// The rig as every command and every job of the service uses it: with its stored calibration in
+/// place of the rig file's numbers, where there is one. The one place for this rule. `seed`: that
+/// of an emulated rig, which is another rig for each.
 ///
 /// # Errors
 /// The stored calibration is there and can't be used.
@@ -295,7 +304,8 @@ mod tests {
         assert_eq!(found.n_per_code, 7e-6);
         assert!((found.cell.curve_per_n + bend).abs() < 1e-12);
         assert_eq!(overlay(&rig, &record).units[1].cell, found.cell);
-        // A curve that is not known well is not corrected: the chord stands, 7 N at about 1.01e6 codes.
+        // A curve that is not known well is not corrected: the chord stands, 7 N at about 1.01e6
+        // codes.
         record.units[1].n_per_code2_sd = 6e-15;
         let found = conversion(&record.units[1]);
         assert!(!found.curve.pays && found.cell.is_none());

@@ -71,8 +71,8 @@ impl Validity {
     }
 }
 
-/// Units whose geometry no longer holds, in words: their cells were taken out for the gain after it was measured. `None` where there
-/// is none, or nobody said how the cells were loaded.
+/// Units whose geometry no longer holds, in words: their cells were taken out for the gain after it
+/// was measured. `None` where there is none, or nobody said how the cells were loaded.
 #[must_use]
 pub fn geometry_void(record: &Record) -> Option<String> {
     let void: Vec<String> = (record.units.iter())

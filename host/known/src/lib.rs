@@ -1,4 +1,5 @@
-//! What is known of a rig beside its rig file: calibrations, zeros, and how well its force is known.
+//! What is known of a rig beside its rig file: calibrations, zeros, and how well its force is
+//! known.
 //!
 //! | question | module |
 //! | --- | --- |

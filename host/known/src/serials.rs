@@ -1,6 +1,7 @@
 //! Serial numbers of units, motors, cells and converters: which parts a calibration is of.
 //!
-//! Gain and zero are those of a cell with its converter. A unit that gets another cell has no gain until it was weighed again.
+//! Gain and zero are those of a cell with its converter. A unit that gets another cell has no gain
+//! until it was weighed again.
 
 use crate::base::nominal;
 use crate::store::Store;
@@ -53,8 +54,8 @@ pub fn parse(text: &str) -> std::result::Result<String, String> {
 /// Sets serial numbers of a unit. Returns what that changed besides, in words.
 ///
 /// # Errors
-/// There is no such unit; another unit has this serial number; a cell or converter would be exchanged under a measured gain
-/// and `replace` is not set.
+/// There is no such unit; another unit has this serial number; a cell or converter would be
+/// exchanged under a measured gain and `replace` is not set.
 pub fn set(
     record: &mut Record,
     rig: &Rig,
@@ -113,8 +114,8 @@ pub fn set(
     )])
 }
 
-/// Discards the readings of a gain that is not finished where the cell or converter was exchanged after they were taken.
-/// `before`: the record before [`set`]. Returns that in words.
+/// Discards the readings of a gain that is not finished where the cell or converter was exchanged
+/// after they were taken. `before`: the record before [`set`]. Returns that in words.
 ///
 /// # Errors
 /// The file can't be removed.
@@ -158,7 +159,8 @@ fn without_cell(unit: &mut UnitRecord, nominal: &UnitRecord) {
     (unit.zero_codes, unit.zero_sd_codes) = (nominal.zero_codes, nominal.zero_sd_codes);
 }
 
-/// Compares the serial number of the cell that is weighed with the store; enters it where the store has none.
+/// Compares the serial number of the cell that is weighed with the store; enters it where the store
+/// has none.
 ///
 /// # Errors
 /// The store has another one for this unit, or has this one for another unit.

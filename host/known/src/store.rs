@@ -1,4 +1,5 @@
-//! Where the calibrations of a rig are kept: the one in force, all older ones, and what a step that was broken off has so far.
+//! Where the calibrations of a rig are kept: the one in force, all older ones, and what a step that
+//! was broken off has so far.
 //!
 //! ```text
 //! calibration-RIG/current.toml               the calibration in force
@@ -147,8 +148,8 @@ impl Store {
         read(&path, &text)
     }
 
-    /// Keeps a calibration as the next version and puts it in force. Each file is replaced as a whole: a full disk leaves the
-    /// old one.
+    /// Keeps a calibration as the next version and puts it in force. Each file is replaced as a
+    /// whole: a full disk leaves the old one.
     ///
     /// # Errors
     /// A value that can't be, or a file that can't be written.
@@ -162,8 +163,8 @@ impl Store {
         Ok(Kept { version, path })
     }
 
-    /// Puts an older version of the rig `rig` in force again, as a new version. It does not look at the one that is in force,
-    /// which may be damaged.
+    /// Puts an older version of the rig `rig` in force again, as a new version. It does not look at
+    /// the one that is in force, which may be damaged.
     ///
     /// # Errors
     /// There is no such version, it can't be used or is of another rig, or a file can't be written.

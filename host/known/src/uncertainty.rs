@@ -1,4 +1,5 @@
-//! How well the force at the tip is known, from the calibration in force: for the table of a run and for its recording.
+//! How well the force at the tip is known, from the calibration in force: for the table of a run
+//! and for its recording.
 //!
 //! Three quantities have three uncertainties, each a radius of a ball that holds the true force
 //! with 95 %:
@@ -137,8 +138,9 @@ impl Newest {
     }
 }
 
-/// Means over parts of a run, for the variance of the run's mean. How they scatter holds what the cycles share: vibration of the
-/// motors and the age of an estimate cancel within a part, a slow change does not.
+/// Means over parts of a run, for the variance of the run's mean. How they scatter holds what the
+/// cycles share: vibration of the motors and the age of an estimate cancel within a part, a slow
+/// change does not.
 #[derive(Debug, Clone)]
 struct Batches {
     /// Sums over whole parts, N.
@@ -180,7 +182,8 @@ impl Batches {
         }
     }
 
-    /// Variance of the mean over all parts in one of three directions, N^2; 0 with fewer than two parts.
+    /// Variance of the mean over all parts in one of three directions, N^2; 0 with fewer than two
+    /// parts.
     fn mean_variance_n2(&self) -> f64 {
         let count = self.sums.len() as f64;
         if count < 2.0 {
@@ -334,7 +337,8 @@ impl Running {
     }
 }
 
-/// Radius of the ball of what calibration and pose leave of a force, at one tip after the other: for labels whose age is taken off.
+/// Radius of the ball of what calibration and pose leave of a force, at one tip after the other:
+/// for labels whose age is taken off.
 #[derive(Debug, Clone)]
 pub struct Systematic(Known);
 
@@ -345,7 +349,8 @@ impl Systematic {
         Self(Known::of(record, pose_sd_m))
     }
 
-    /// Radius for these tensions, N, at a tip, m, in N. `None` where a cable stands across its cell.
+    /// Radius for these tensions, N, at a tip, m, in N. `None` where a cable stands across its
+    /// cell.
     #[must_use]
     pub fn radius_95_n(
         &self,
@@ -558,8 +563,8 @@ mod tests {
         let of_calibration =
             of_tensions(&record, &rig_tip, &[3.0; UNITS], &[true; UNITS], 0.0).unwrap();
         let calibration = of_calibration.radius_95_n;
-        // Two whole periods are not steady: parts of 0.4 s have means of +-0.4 N along one of three directions. A part of a
-        // fast one has a mean of 0.
+        // Two whole periods are not steady: parts of 0.4 s have means of +-0.4 N along one of three
+        // directions. A part of a fast one has a mean of 0.
         assert!((0.015..0.03).contains(&slow.parts_n.held), "{slow:?}");
         assert!(fast.parts_n.held < 0.002, "{fast:?}");
         // The 95 % quantile of a slow sine is 0.997 of its amplitude; the mean of two cycles takes
@@ -576,7 +581,8 @@ mod tests {
         assert!((fast_last / fast.estimate_95_n - 1.0).abs() < 0.01);
     }
 
-    /// Against the variance of the means of many runs: independent cycles, cycles that cancel, cycles that hang together.
+    /// Against the variance of the means of many runs: independent cycles, cycles that cancel,
+    /// cycles that hang together.
     #[test]
     fn the_variance_of_a_mean_is_that_of_many_runs() {
         const CYCLES: usize = 3000;
@@ -603,7 +609,8 @@ mod tests {
                 stated += batches.mean_variance_n2() / RUNS as f64;
             }
             let ratio = (stated / squares).sqrt();
-            // What cancels does so within a part: its two ends are left, so many times as there are parts.
+            // What cancels does so within a part: its two ends are left, so many times as there are
+            // parts.
             let range = if moving > 0.0 { 1.0..9.0 } else { 0.85..1.15 };
             assert!(range.contains(&ratio), "{name}: {ratio}");
         }

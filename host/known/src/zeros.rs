@@ -1,4 +1,5 @@
-//! Zeros that were measured on a rig, with their time: what later zeros are compared with, whichever command took them.
+//! Zeros that were measured on a rig, with their time: what later zeros are compared with,
+//! whichever command took them.
 
 use crate::{Result, StoreError};
 use serde::{Deserialize, Serialize};
@@ -8,12 +9,13 @@ use std::time::SystemTime;
 use wire::message::UnitConfig;
 use wire::UNITS;
 
-/// How far a calibration of the converter misses the bridge's zero at most, N: the NAU7802 calibrates its offset at each
-/// power-up, to 0.5 to 1 % of the range of a 3 kg cell (29 N).
+/// How far a calibration of the converter misses the bridge's zero at most, N: the NAU7802
+/// calibrates its offset at each power-up, to 0.5 to 1 % of the range of a 3 kg cell (29 N).
 pub const POWER_UP_MISS_N: f64 = 0.3;
-/// How far apart two zeros of a slack cable may lie, N, whichever command measured them: half again [`POWER_UP_MISS_N`].
-/// Friction leaves 0.7 N and more in a cable that pulls. Two calibrations that miss to opposite sides lie up to 0.6 N apart: that
-/// slack cable is refused once (`--replace` takes it), as a pulling one that is accepted makes every later force wrong.
+/// How far apart two zeros of a slack cable may lie, N, whichever command measured them: half again
+/// [`POWER_UP_MISS_N`]. Friction leaves 0.7 N and more in a cable that pulls. Two calibrations that
+/// miss to opposite sides lie up to 0.6 N apart: that slack cable is refused once (`--replace`
+/// takes it), as a pulling one that is accepted makes every later force wrong.
 pub const ZERO_TOLERANCE_N: f64 = 0.45;
 
 /// Zeros kept of each rig.
@@ -21,7 +23,8 @@ const MAX_ENTRIES: usize = 200;
 /// Variable with the folder of the stored zeros.
 pub const FOLDER_VARIABLE: &str = "FORCECTL_STATE_DIR";
 
-/// The stored zeros of one rig, a TOML file; or none, for runs of an emulated rig: its calibration has one for each seed.
+/// The stored zeros of one rig, a TOML file; or none, for runs of an emulated rig: its calibration
+/// has one for each seed.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ZeroStore {
     path: Option<PathBuf>,
@@ -44,13 +47,15 @@ struct Entry {
     measured_at: String,
     /// Zeros of units 1 to 6, ADC codes; 0: the unit was disabled or out of order.
     zero_code: [i32; UNITS],
-    /// Whether the user had those of all units accepted whatever the former ones were. Read only: files of before 0.2.0 have it.
+    /// Whether the user had those of all units accepted whatever the former ones were. Read only:
+    /// files of before 0.2.0 have it.
     #[serde(default, skip_serializing)]
     accepted: bool,
     /// Units of which this was accepted whatever the former ones were (`--replace`).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     replaced: Vec<u8>,
-    /// Standard errors, ADC codes, and mounting parts, N, of units 1 to 6, where `forcectl calibrate zero` took them.
+    /// Standard errors, ADC codes, and mounting parts, N, of units 1 to 6, where
+    /// `forcectl calibrate zero` took them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     standard_error_codes: Option<[f64; UNITS]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -67,7 +72,8 @@ pub struct UnitZero {
     pub unit: u8,
     /// ADC code.
     pub code: i32,
-    /// What `forcectl calibrate zero` knows of it beside: standard error, ADC codes, and mounting part, N.
+    /// What `forcectl calibrate zero` knows of it beside: standard error, ADC codes, and mounting
+    /// part, N.
     pub parts: Option<(f64, f64)>,
     /// Whether it was accepted whatever the former ones of the unit were.
     pub accepted: bool,
@@ -80,8 +86,8 @@ impl Entry {
     }
 }
 
-/// The user's folder for what is known of rigs: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_STATE_HOME` or
-/// `~/.local/state`.
+/// The user's folder for what is known of rigs: [`FOLDER_VARIABLE`], else `forcectl` in
+/// `XDG_STATE_HOME` or `~/.local/state`.
 #[must_use]
 pub fn state_folder() -> Option<PathBuf> {
     let set = |variable: &str| std::env::var_os(variable).filter(|value| !value.is_empty());
@@ -108,8 +114,8 @@ impl ZeroStore {
         }
     }
 
-    /// The store of a rig in the user's folder: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_STATE_HOME` or
-    /// `~/.local/state`.
+    /// The store of a rig in the user's folder: [`FOLDER_VARIABLE`], else `forcectl` in
+    /// `XDG_STATE_HOME` or `~/.local/state`.
     #[must_use]
     pub fn of_rig(name: &str) -> Self {
         state_folder().map_or_else(Self::none, |folder| {
@@ -134,9 +140,9 @@ impl ZeroStore {
         toml::from_str(&text).map_err(|error| unusable(path, &error))
     }
 
-    /// What zeros are compared with: the last ones, and of each unit the one that the user last accepted as it is (else the
-    /// first). Each accepted zero may lie a step from the last one; the second keeps such steps from adding up. Empty where none
-    /// are stored.
+    /// What zeros are compared with: the last ones, and of each unit the one that the user last
+    /// accepted as it is (else the first). Each accepted zero may lie a step from the last one; the
+    /// second keeps such steps from adding up. Empty where none are stored.
     ///
     /// # Errors
     /// The file can't be read.
@@ -159,8 +165,8 @@ impl ZeroStore {
         Ok(self.read()?.zero.last().map(|entry| entry.zero_code))
     }
 
-    /// Every zero with its date, `YYYY-MM-DD`, oldest first; not those of units that were not measured: their code is 0 or the one
-    /// before it.
+    /// Every zero with its date, `YYYY-MM-DD`, oldest first; not those of units that were not
+    /// measured: their code is 0 or the one before it.
     ///
     /// # Errors
     /// The file can't be read.
@@ -188,8 +194,8 @@ impl ZeroStore {
         Ok(all)
     }
 
-    /// Adds the zeros of a run. A unit that is disabled keeps its last one. `accepted`: the user had them accepted whatever the
-    /// former ones were.
+    /// Adds the zeros of a run. A unit that is disabled keeps its last one. `accepted`: the user
+    /// had them accepted whatever the former ones were.
     ///
     /// # Errors
     /// The file can't be written.
@@ -248,8 +254,8 @@ impl ZeroStore {
     }
 }
 
-/// Index of the entry that all later ones of each unit are compared with: the last that the user had accepted, else the first
-/// that has a zero of the unit.
+/// Index of the entry that all later ones of each unit are compared with: the last that the user
+/// had accepted, else the first that has a zero of the unit.
 fn bases_of(zeros: &[Entry]) -> [usize; UNITS] {
     std::array::from_fn(|i| {
         let accepted = zeros.iter().rposition(|entry| entry.accepts(i));
@@ -265,7 +271,8 @@ pub fn file_name_part(text: &str) -> String {
     text.chars().map(safe).collect()
 }
 
-/// A rig's part of the names of its files and folders. `seed`: that of an emulated rig, which is another rig with each.
+/// A rig's part of the names of its files and folders. `seed`: that of an emulated rig, which is
+/// another rig with each.
 pub(crate) fn file_name(rig: &str, seed: Option<u64>) -> String {
     let safe = file_name_part(rig);
     seed.map_or(safe.clone(), |seed| format!("{safe}-seed{seed}"))
@@ -342,7 +349,8 @@ mod tests {
         assert_eq!((all[0].0.as_str(), all[0].1.parts), ("2026-11-20", None));
         assert_eq!(all[5].1, zero(1, 10, false));
         assert_eq!(all[6].1, zero(3, 30, true));
-        // All that were measured are accepted, and the others still keep what they are compared with.
+        // All that were measured are accepted, and the others still keep what they are compared
+        // with.
         store
             .add_units("a", &[zero(1, 11, true), zero(2, 12, true)])
             .unwrap();

@@ -1,4 +1,5 @@
-//! The folder of a recording: whether it may be used, files that appear whole or not at all, and their hashes.
+//! The folder of a recording: whether it may be used, files that appear whole or not at all, and
+//! their hashes.
 
 use super::error::RecordError;
 use super::format::{JSON_FILE, MCAP_FILE, SUMS_FILE, TABLES};

@@ -22,7 +22,8 @@ pub const BOARD_METADATA: &str = "board";
 /// Name of the attachment with the rig file.
 pub const RIG_ATTACHMENT: &str = "rig.json";
 
-/// The table's topic of a topic of the MCAP file: `/sample` of each unit's. Others are what they are.
+/// The table's topic of a topic of the MCAP file: `/sample` of each unit's. Others are what they
+/// are.
 #[must_use]
 pub fn table_topic(topic: &str) -> &str {
     let table = TABLES.iter().find(|table| table.topics.contains(&topic));

@@ -1,4 +1,5 @@
-//! Recordings: every sample and every control cycle, with the three clocks, the phase and the configuration of each.
+//! Recordings: every sample and every control cycle, with the three clocks, the phase and the
+//! configuration of each.
 //!
 //! A recording is a folder (docs/recordings.md):
 //!

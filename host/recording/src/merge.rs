@@ -1,8 +1,10 @@
-//! A robot's log joined with a recording by time: one row for each row of the log, with the forces interpolated to its time.
+//! A robot's log joined with a recording by time: one row for each row of the log, with the forces
+//! interpolated to its time.
 //!
-//! The error of the join in each row is the largest error in time: that of the board's clock against the host's, and of
-//! the log's own time where it is given. The force changes meanwhile by less than `join_error_n`, which takes the steepest
-//! change of the force within that time from the recording itself.
+//! The error of the join in each row is the largest error in time: that of the board's clock
+//! against the host's, and of the log's own time where it is given. The force changes meanwhile by
+//! less than `join_error_n`, which takes the steepest change of the force within that time from the
+//! recording itself.
 
 use super::error::RecordError;
 use super::parquet::{Columns, Output};
@@ -48,7 +50,8 @@ pub struct Merged {
     pub joined: u64,
     /// Rows before or after the recording, or in a gap of it.
     pub outside: u64,
-    /// Largest error in time of a joined row, s; `null` where the recording does not know its clocks.
+    /// Largest error in time of a joined row, s; `null` where the recording does not know its
+    /// clocks.
     pub error_max_s: Option<f64>,
     /// Median of it, s.
     pub error_median_s: Option<f64>,
@@ -119,7 +122,8 @@ impl<const N: usize> Track<N> {
         self.values.push(values);
     }
 
-    /// Interpolated to a time, with the distance to the nearest row, s; `None` outside and in a gap.
+    /// Interpolated to a time, with the distance to the nearest row, s; `None` outside and in a
+    /// gap.
     fn at(&self, utc_ns: u64) -> Option<([f64; N], f64)> {
         let after = self.utc_ns.partition_point(|at| *at <= utc_ns);
         let before = after.checked_sub(1)?;
@@ -163,7 +167,8 @@ impl<const N: usize> Track<N> {
 /// Forces, tensions and phases of a recording over time.
 struct Recorded {
     clocks: Clocks,
-    /// Tip (3), commanded force (3), estimated force (3), applied force (3, NaN where it is not known).
+    /// Tip (3), commanded force (3), estimated force (3), applied force (3, NaN where it is not
+    /// known).
     cycles: Track<12>,
     /// Tension and force of the load cell.
     units: [Track<2>; UNITS],

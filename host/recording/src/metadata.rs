@@ -18,7 +18,8 @@ pub struct Metadata {
     pub emulated: bool,
     /// Start of the recording.
     pub utc_start: Utc,
-    /// Whether a run may wait for the disk where 40 s of rows wait already: where the rig's time is the run's own to stop.
+    /// Whether a run may wait for the disk where 40 s of rows wait already: where the rig's time is
+    /// the run's own to stop.
     pub waits: bool,
     /// Whether load-cell samples and control cycles are recorded.
     pub samples: bool,

@@ -1,7 +1,8 @@
-//! Parquet files from the MCAP file: at the end of a recording, or later with `forcectl recording export`.
+//! Parquet files from the MCAP file: at the end of a recording, or later with
+//! `forcectl recording export`.
 //!
-//! The clocks of each row are computed anew, from the readings before and after it. Each file is finished on its own: it is
-//! written beside its place and moved there when it is complete.
+//! The clocks of each row are computed anew, from the readings before and after it. Each file is
+//! finished on its own: it is written beside its place and moved there when it is complete.
 
 use super::error::RecordError;
 use super::read::{mcap_of, End, Entry, Reader};
@@ -34,7 +35,8 @@ pub struct Exported {
     pub end: End,
 }
 
-/// Writes the Parquet files of a recording to a folder. `recording` names the MCAP file or its folder.
+/// Writes the Parquet files of a recording to a folder. `recording` names the MCAP file or its
+/// folder.
 #[must_use]
 pub fn export(recording: &Path, folder: &Path) -> Exported {
     let path = mcap_of(recording);
@@ -99,7 +101,8 @@ impl Outputs {
             self.row::<CounterRow>(data, host_time);
         } else if topic == EventRow::TABLE.topic {
             self.row::<EventRow>(data, |row, clocks| {
-                // 0: there was no reading of the board's clock yet, and the host's time is the one that is known.
+                // 0: there was no reading of the board's clock yet, and the host's time is the one
+                // that is known.
                 if row.name == FAULT && row.board_s > 0.0 {
                     row.set_times(clocks.of_board(row.board_s));
                 } else {

@@ -189,7 +189,8 @@ impl Iterator for Reader {
     }
 }
 
-/// Metadata of an entry, as the Parquet files have it: that of the recording, the rig file, and the newest configuration.
+/// Metadata of an entry, as the Parquet files have it: that of the recording, the rig file, and the
+/// newest configuration.
 pub(super) fn metadata_pairs(entry: &Entry, pairs: &mut BTreeMap<String, String>) {
     match entry {
         Entry::Metadata { name, pairs: found } if name == METADATA || name == BOARD_METADATA => {

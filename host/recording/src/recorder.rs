@@ -1,4 +1,5 @@
-//! The recorder: takes what a run produces without ever waiting for a disk, and hands it to the thread that writes.
+//! The recorder: takes what a run produces without ever waiting for a disk, and hands it to the
+//! thread that writes.
 
 use crate::error::RecordError;
 use crate::format::{BOARD_METADATA, JSON_FILE, MCAP_FILE};
@@ -59,9 +60,10 @@ impl Finished {
 
 /// An open recording.
 ///
-/// Every method returns at once: rows wait in memory, and where 40 s of them wait, newer ones are dropped and counted. Only a
-/// rig in emulated time of its own is held up instead ([`Metadata::waits`]).
-/// [`Recorder::finish`] completes the files. A recorder that is dropped completes the MCAP file only.
+/// Every method returns at once: rows wait in memory, and where 40 s of them wait, newer ones are
+/// dropped and counted. Only a rig in emulated time of its own is held up instead
+/// ([`Metadata::waits`]). [`Recorder::finish`] completes the files. A recorder that is dropped
+/// completes the MCAP file only.
 pub struct Recorder {
     folder: PathBuf,
     metadata: Metadata,
@@ -89,12 +91,12 @@ impl std::fmt::Debug for Recorder {
 }
 
 impl Recorder {
-    /// Begins a recording in a folder, which is made where it isn't there. Header, schemas, rig file and metadata are on the disk
-    /// when this returns.
+    /// Begins a recording in a folder, which is made where it isn't there. Header, schemas, rig
+    /// file and metadata are on the disk when this returns.
     ///
     /// # Errors
-    /// [`RecordError`]; also where the folder holds a recording already, which is never overwritten. Files of a start that
-    /// failed before anything was recorded are no recording.
+    /// [`RecordError`]; also where the folder holds a recording already, which is never
+    /// overwritten. Files of a start that failed before anything was recorded are no recording.
     pub fn create(folder: &Path, metadata: &Metadata) -> Result<Self, RecordError> {
         folder::prepare(folder)?;
         let path = folder.join(MCAP_FILE);
@@ -234,7 +236,8 @@ impl Recorder {
         }
     }
 
-    /// What the user should know since the last call: a disk that takes nothing, rows that were dropped.
+    /// What the user should know since the last call: a disk that takes nothing, rows that were
+    /// dropped.
     pub fn trouble(&mut self) -> Option<String> {
         let trouble = self
             .shared
@@ -317,7 +320,8 @@ impl Recorder {
         }
     }
 
-    /// Completes the recording. Every file is finished on its own; one that can't be written costs only itself.
+    /// Completes the recording. Every file is finished on its own; one that can't be written costs
+    /// only itself.
     #[must_use]
     pub fn finish(mut self) -> Finished {
         self.close();
@@ -357,7 +361,8 @@ impl Recorder {
             .map_err(|error| RecordError::new(&self.folder, &error))
     }
 
-    /// Writes `configuration.json`: at the start, so that it is there whatever happens, and with the zeros at the end.
+    /// Writes `configuration.json`: at the start, so that it is there whatever happens, and with
+    /// the zeros at the end.
     fn write_configuration(&mut self) {
         let mut json: serde_json::Map<String, serde_json::Value> = self
             .metadata

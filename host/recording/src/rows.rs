@@ -7,7 +7,8 @@ use session::TimedSample;
 use wire::message::{Sample, UnitConfig};
 use wire::UNITS;
 
-/// Topics of the samples, units 1 to 6: programs that draw a topic as a line would mix the units of one.
+/// Topics of the samples, units 1 to 6: programs that draw a topic as a line would mix the units of
+/// one.
 pub const SAMPLE_TOPICS: [&str; UNITS] = [
     "/sample/unit1",
     "/sample/unit2",
@@ -18,7 +19,8 @@ pub const SAMPLE_TOPICS: [&str; UNITS] = [
 ];
 
 table! {
-    /// A sample of a unit: raw codes, and the same in SI units by the configuration that the row names.
+    /// A sample of a unit: raw codes, and the same in SI units by the configuration that the row
+    /// names.
     SampleRow { "/sample" as SAMPLE_TOPICS by unit, "force_rig.Sample", "samples.parquet", "one sample of one unit; the times are those of its DRDY edge" }
     configuration: i32, "", "index of the configuration that the row was converted with";
     unit: i32, "", "unit, from 1";
@@ -109,7 +111,8 @@ pub const fn phase_name(phase: Phase) -> &'static str {
     }
 }
 
-/// Name of the event of a fault. Its time is the board's, when it was latched; that of others is the host's.
+/// Name of the event of a fault. Its time is the board's, when it was latched; that of others is
+/// the host's.
 pub const FAULT: &str = "fault";
 
 /// Phase of a recording that no run drives.

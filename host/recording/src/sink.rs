@@ -1,7 +1,8 @@
-//! Where the MCAP file's bytes go: kept in memory until a chunk is complete, then written, and brought to the disk twice a second.
+//! Where the MCAP file's bytes go: kept in memory until a chunk is complete, then written, and
+//! brought to the disk twice a second.
 //!
-//! A write that fails (a full disk, a drive that is gone) loses nothing at first: the file is cut back to the last whole
-//! chunk, the bytes are kept, and the next flush tries again.
+//! A write that fails (a full disk, a drive that is gone) loses nothing at first: the file is cut
+//! back to the last whole chunk, the bytes are kept, and the next flush tries again.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -41,7 +42,8 @@ impl Storage for File {
     }
 }
 
-/// Shortest time between two syncs: chunks that are complete by their size follow each other faster than a disk can sync.
+/// Shortest time between two syncs: chunks that are complete by their size follow each other faster
+/// than a disk can sync.
 const SYNC_PERIOD: Duration = Duration::from_millis(400);
 
 /// Collects bytes; [`Write::flush`] brings them to the storage.
@@ -87,7 +89,8 @@ impl Sink {
                 0
             }
             Err(_) => {
-                // Part of a chunk is of no use to a reader. Where this fails too, readers stop at the part.
+                // Part of a chunk is of no use to a reader. Where this fails too, readers stop at
+                // the part.
                 let _ = self.storage.cut(self.stored);
                 self.waiting.len() as u64
             }

@@ -1,5 +1,5 @@
-//! Tables of a recording: one declaration gives the struct, its JSON form, its JSON schema, its Parquet columns and its
-//! rows of docs/recording-columns.md.
+//! Tables of a recording: one declaration gives the struct, its JSON form, its JSON schema, its
+//! Parquet columns and its rows of docs/recording-columns.md.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{json, Value as Json};
@@ -213,7 +213,8 @@ impl Field {
 pub struct Table {
     /// Topic; the part that all have in common where there are several.
     pub topic: &'static str,
-    /// Topics of the MCAP file: one, or one for each unit. A plot draws a line through all messages of a topic.
+    /// Topics of the MCAP file: one, or one for each unit. A plot draws a line through all messages
+    /// of a topic.
     pub topics: &'static [&'static str],
     /// Name of the schema.
     pub schema_name: &'static str,
@@ -226,7 +227,8 @@ pub struct Table {
 }
 
 impl Table {
-    /// JSON schema of its messages. What may be missing is left out of a message, because viewers want one type a field.
+    /// JSON schema of its messages. What may be missing is left out of a message, because viewers
+    /// want one type a field.
     #[must_use]
     pub fn json_schema(&self) -> Json {
         let properties: serde_json::Map<_, _> = self
@@ -323,7 +325,8 @@ impl ColumnTable {
         fields.into()
     }
 
-    /// The values of a message, NaN where there is none; `None` where it is no message of this table.
+    /// The values of a message, NaN where there is none; `None` where it is no message of this
+    /// table.
     #[must_use]
     pub fn values(&self, message: &[u8]) -> Option<Vec<f64>> {
         let fields: serde_json::Map<String, Json> = serde_json::from_slice(message).ok()?;
@@ -441,7 +444,8 @@ macro_rules! table {
 }
 pub(super) use table;
 
-/// A row of a table that was at a time ([`super::rows::At`]): its own fields; clocks and phase come from there.
+/// A row of a table that was at a time ([`super::rows::At`]): its own fields; clocks and phase come
+/// from there.
 macro_rules! row {
     ($row:ident, $at:expr, { $($field:ident: $value:expr),* $(,)? }) => {{
         let at = $at;

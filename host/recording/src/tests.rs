@@ -1,4 +1,5 @@
-//! Recordings: read back, on a slow disk, on a full one. Killed processes are in `host-cli/tests/recording.rs`.
+//! Recordings: read back, on a slow disk, on a full one. Killed processes are in
+//! `host-cli/tests/recording.rs`.
 
 use super::read::{End, Entry, Reader};
 use super::rows::{CycleRow, EventRow, SampleRow, FAULT, PHASES, SAMPLE_TOPICS};
@@ -218,7 +219,8 @@ fn parquet_files_hold_the_same_rows_with_metadata_and_better_clocks() {
         assert_eq!(row.get_int(column("unit")).unwrap(), sample.unit);
         assert_eq!(double("board_s"), sample.board_s);
         assert_eq!(double("load_cell_n"), sample.load_cell_n);
-        // The board in memory has the host's clock, and half a cycle of delay is all that is not known.
+        // The board in memory has the host's clock, and half a cycle of delay is all that is not
+        // known.
         assert!(
             (double("host_s") - sample.board_s).abs() < 1.1e-3,
             "{sample:?}"
@@ -569,8 +571,8 @@ fn a_disk_that_stalls_holds_nobody_up_and_what_is_dropped_is_counted_and_recorde
     let disk = Disk::default();
     let mut recorder = on(&disk, folder.path());
     disk.stall(true);
-    // Until the queue is full and more: the disk goes on only after all of it was given, so a call that waited for the disk
-    // would wait for ever.
+    // Until the queue is full and more: the disk goes on only after all of it was given, so a call
+    // that waited for the disk would wait for ever.
     const CYCLES: u64 = 12_000;
     recorder.phase(Phase::Zero);
     for n in 0..CYCLES {

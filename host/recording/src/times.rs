@@ -1,4 +1,5 @@
-//! The clocks of a recording as they are known afterwards: each time from the readings before and after it.
+//! The clocks of a recording as they are known afterwards: each time from the readings before and
+//! after it.
 
 use super::error::RecordError;
 use super::read::{metadata_pairs, Entry, Reader};

@@ -1,14 +1,16 @@
 //! UTC of a host time.
 //!
-//! On a real rig the monotonic clock is read first and UTC right after it. What passes between the two
-//! makes the difference too large, so the smallest difference counts. It may grow by 500 ppm, the most
-//! by which NTP slews a clock. A larger change means that the clock was set.
+//! On a real rig the monotonic clock is read first and UTC right after it. What passes between the
+//! two makes the difference too large, so the smallest difference counts. It may grow by 500 ppm,
+//! the most by which NTP slews a clock. A larger change means that the clock was set.
 //!
-//! On an emulated rig host time is that of the emulation. UTC begins with the recording and passes with it.
+//! On an emulated rig host time is that of the emulation. UTC begins with the recording and passes
+//! with it.
 
 /// Fastest change of the difference that is followed without an event.
 const SLEW: f64 = 500e-6;
-/// A difference this much larger for [`SET_AFTER`] readings in a row, or smaller at once, is a clock that was set, ns.
+/// A difference this much larger for [`SET_AFTER`] readings in a row, or smaller at once, is a
+/// clock that was set, ns.
 const SET_NS: i64 = 50_000_000;
 const SET_AFTER: u32 = 50;
 
@@ -35,7 +37,8 @@ impl UtcClock {
         }
     }
 
-    /// Takes host time and UTC of one moment, ns. Returns by how much UTC was set, ns, where it was.
+    /// Takes host time and UTC of one moment, ns. Returns by how much UTC was set, ns, where it
+    /// was.
     pub fn push(&mut self, host_ns: u64, utc_ns: u64) -> Option<i64> {
         let Some(before) = self.offset_ns else {
             let utc_ns = if self.emulated {
@@ -109,7 +112,8 @@ mod tests {
         let mut told = Vec::new();
         for n in 0..400u64 {
             let host_ns = n * S / 100;
-            // Set back by a second at 1 s, ahead by two at 2.5 s. A single late reading at 0.5 s is none.
+            // Set back by a second at 1 s, ahead by two at 2.5 s. A single late reading at 0.5 s is
+            // none.
             let set = i64::from(n >= 250) * 2_000_000_000 - i64::from(n >= 100) * 1_000_000_000;
             let late = if n == 50 { 80_000_000 } else { 0 };
             let utc_ns = 1_700_000_000 * S as i64 + host_ns as i64 + set + late;

@@ -1,4 +1,5 @@
-//! The thread that writes: turns what was received into rows, and brings a chunk to the disk twice a second.
+//! The thread that writes: turns what was received into rows, and brings a chunk to the disk twice
+//! a second.
 
 use crate::format::{CONFIGURATION_METADATA, METADATA, RIG_ATTACHMENT, TABLES};
 use crate::foxglove::{self, Arrow, Scene, TipPose, TipTransform};
@@ -25,7 +26,8 @@ use wire::UNITS;
 
 /// Time between two chunks. What is received in it is lost where the process is killed.
 pub const CHUNK_PERIOD: Duration = Duration::from_millis(500);
-/// Bytes of messages after which a chunk is complete before its time: what a disk that gets full costs at most.
+/// Bytes of messages after which a chunk is complete before its time: what a disk that gets full
+/// costs at most.
 const CHUNK_BYTES: usize = 1 << 20;
 /// Bytes that are kept in memory while the disk takes none. More is dropped and counted.
 const BACKLOG_MAX: u64 = 64 << 20;

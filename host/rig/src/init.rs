@@ -1,8 +1,8 @@
-//! A rig file from the answers to ten questions: what is different on every rig. Everything else is that of the built-in
-//! file, whose comments stay.
+//! A rig file from the answers to ten questions: what is different on every rig. Everything else is
+//! that of the built-in file, whose comments stay.
 //!
-//! An answer is text. Answers for each unit are separated by semicolons, each with the number of its unit:
-//! `1: 0.335 0.045 -0.110; 2: -0.480 0.010 -0.165`.
+//! An answer is text. Answers for each unit are separated by semicolons, each with the number of
+//! its unit: `1: 0.335 0.045 -0.110; 2: -0.480 0.010 -0.165`.
 
 use super::{LinkChoice, DEFAULT_TEXT};
 use nalgebra::Vector3;
@@ -122,7 +122,8 @@ pub fn units(answer: &str) -> Result<Vec<u8>, String> {
     Ok(found)
 }
 
-/// Makes the text of a rig file. `answers` holds a text for each key; a key that is missing has its default.
+/// Makes the text of a rig file. `answers` holds a text for each key; a key that is missing has its
+/// default.
 ///
 /// # Errors
 /// Every answer that is missing or wrong.
@@ -224,7 +225,8 @@ impl<'a> Writer<'a> {
         if let Some([least_n, largest_n]) = self.numbers("tension", tension) {
             set(&mut self.document["defaults"]["tension_min_n"], least_n);
             set(&mut self.document["defaults"]["tension_max_n"], largest_n);
-            // The other limits of the built-in file belong to 12 N: the motor has to be able to hold the largest tension.
+            // The other limits of the built-in file belong to 12 N: the motor has to be able to
+            // hold the largest tension.
             for (key, factor) in [
                 ("force_limit_n", 16.0 / 12.0),
                 ("over_tension_n", 20.0 / 12.0),
@@ -398,7 +400,8 @@ mod tests {
         assert!(matches!(rig.pose, PoseChoice::Udp { .. }));
         assert_eq!(rig.workspace.radius_m, 0.05);
         assert_eq!(rig.units[5].exit_m, Vector3::new(-0.1, -0.03, -0.52));
-        // The comments stay but for those that describe the example's place: the header and one of each unit.
+        // The comments stay but for those that describe the example's place: the header and one of
+        // each unit.
         let comments = |text: &str| text.lines().filter(|line| line.contains('#')).count();
         assert_eq!(comments(&text), comments(DEFAULT_TEXT) - 7, "{text}");
         assert!(text.starts_with("# Rig file, made by"), "{text}");

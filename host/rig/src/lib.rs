@@ -1,11 +1,12 @@
 //! The rig file: everything that belongs to one rig and not to the program, as TOML in SI units.
 //!
-//! Where the cables leave their reels, how each load cell is mounted and calibrated, gains, limits and
-//! friction of each unit, the host controller, the tension policy, where the robot's pose comes from and how
-//! the board is reached. `rigs/raven-left.toml` is a commented example and built in as the default.
+//! Where the cables leave their reels, how each load cell is mounted and calibrated, gains, limits
+//! and friction of each unit, the host controller, the tension policy, where the robot's pose comes
+//! from and how the board is reached. `rigs/raven-left.toml` is a commented example and built in as
+//! the default.
 //!
-//! A file is checked as a whole: every problem is reported with file, line, key, unit and what to do
-//! ([`RigFileError`]), and nothing is driven with a file that has one.
+//! A file is checked as a whole: every problem is reported with file, line, key, unit and what to
+//! do ([`RigFileError`]), and nothing is driven with a file that has one.
 
 pub mod init;
 pub mod link_pose;
@@ -56,8 +57,8 @@ pub struct Rig {
     pub allocation: AllocationSettings,
     /// The units, unit 1 first.
     pub units: [UnitSettings; UNITS],
-    /// The calibration whose numbers replaced the file's (`known::base`). Not part of the hash; its numbers
-    /// are.
+    /// The calibration whose numbers replaced the file's (`known::base`). Not part of the hash; its
+    /// numbers are.
     #[serde(skip)]
     pub calibration: Option<Box<calibration::record::Record>>,
 }
@@ -135,7 +136,8 @@ impl Rig {
     /// SHA-256, in hexadecimal, of everything the file says (comments and layout left out).
     #[must_use]
     pub fn hash(&self) -> String {
-        // Serialising plain numbers and strings to memory cannot fail; an empty text would still hash.
+        // Serialising plain numbers and strings to memory cannot fail; an empty text would still
+        // hash.
         let json = serde_json::to_vec(self).unwrap_or_default();
         files::sha256_of(json)
     }

@@ -10,7 +10,8 @@ use std::fmt;
 pub enum LinkChoice {
     /// The embedded rig: the firmware image on the emulated board.
     Embedded,
-    /// The firmware's machine and control core on this computer, without the emulated controller: faster, same physics.
+    /// The firmware's machine and control core on this computer, without the emulated controller:
+    /// faster, same physics.
     Fast,
     /// USB CDC, found by vendor and product number.
     Usb,
@@ -81,8 +82,8 @@ pub enum PoseChoice {
     },
 }
 
-/// Standard deviation of a coordinate of the tip of a robot that tells its pose, m (estimate): a cable
-/// robot's own kinematics are right to some millimetres, to about 1 mm once corrected.
+/// Standard deviation of a coordinate of the tip of a robot that tells its pose, m (estimate): a
+/// cable robot's own kinematics are right to some millimetres, to about 1 mm once corrected.
 pub const ROBOT_SD_M: f64 = 1e-3;
 
 impl PoseChoice {

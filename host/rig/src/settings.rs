@@ -1,4 +1,5 @@
-//! Settings of the workspace, the host's controller and the units, in SI units, and the units' form on the wire.
+//! Settings of the workspace, the host's controller and the units, in SI units, and the units' form
+//! on the wire.
 
 use control::config::field;
 use nalgebra::Vector3;
@@ -30,7 +31,8 @@ pub struct ControllerSettings {
     /// Force at the tip at which the board itself stops all motors, N.
     #[serde(skip_serializing_if = "is_default_tip_limit")]
     pub tip_force_limit_n: f64,
-    /// Whether the board writes a converter's register pointer ahead of its next sample (docs/bring-up.md, step 8).
+    /// Whether the board writes a converter's register pointer ahead of its next sample
+    /// (docs/bring-up.md, step 8).
     #[serde(skip_serializing_if = "is_true")]
     pub pointer_ahead: bool,
 }
@@ -87,8 +89,8 @@ pub struct UnitSettings {
     pub enabled: bool,
     /// Where the cable leaves the reel, robot base frame, m (thesis 3.5.2: `P_Cable`).
     pub exit_m: Vector3<f64>,
-    /// The load cell's measuring axis, unit vector in the robot base frame, pointing from the unit to the
-    /// workspace: a cable along it reads its whole tension.
+    /// The load cell's measuring axis, unit vector in the robot base frame, pointing from the unit
+    /// to the workspace: a cable along it reads its whole tension.
     pub axis: Vector3<f64>,
     /// Load-cell force per ADC count, N; negative where pulling lowers the code.
     pub scale_n_per_count: f64,
@@ -128,8 +130,8 @@ pub struct UnitSettings {
     pub force_limit_n: f64,
     /// Fastest change of the commanded cable force, N/s.
     pub slew_n_per_s: f64,
-    /// Tension at which the unit faults, N; while it follows setpoints it does at 13 N already, or 1 N
-    /// above `tension_max_n`.
+    /// Tension at which the unit faults, N; while it follows setpoints it does at 13 N already, or
+    /// 1 N above `tension_max_n`.
     pub over_tension_n: f64,
     /// Viscous friction that the feedforward compensates, N per m/s of cable travel; 0: none.
     #[serde(skip_serializing_if = "is_zero")]
@@ -230,9 +232,9 @@ fn are_none(ripples: &[RippleSettings; RIPPLES]) -> bool {
     ripples.iter().all(RippleSettings::is_none)
 }
 
-/// A force on the cable that repeats with the reel's angle:
-/// (amplitude_n + amplitude_per_n x setpoint) x sin(2 pi travel / period_m + phase_rad), with the travel of the
-/// unit's encoder since the board booted. The phase is lost when the board is switched off.
+/// A force on the cable that repeats with the reel's angle: (amplitude_n + amplitude_per_n x
+/// setpoint) x sin(2 pi travel / period_m + phase_rad), with the travel of the unit's encoder since
+/// the board booted. The phase is lost when the board is switched off.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct RippleSettings {
     /// Cable travel of a period, m: 2 pi 10 mm for once a turn of the reel.
@@ -269,7 +271,8 @@ impl RippleSettings {
 }
 
 impl UnitSettings {
-    /// As the board is told. The zero in force is taken at each start; the rig file's is what it is compared with.
+    /// As the board is told. The zero in force is taken at each start; the rig file's is what it is
+    /// compared with.
     #[must_use]
     pub fn to_wire(&self) -> UnitConfig {
         UnitConfig {
@@ -317,8 +320,8 @@ impl UnitSettings {
         ((tension_n * 1e6).round() as i32).min(field::TENSION_MAX.to_wire(self.tension_max_n))
     }
 
-    /// Direction from the tip to where the cable leaves the reel, and the cosine of the angle between cable
-    /// and measuring axis; `None` where the tip sits on the exit.
+    /// Direction from the tip to where the cable leaves the reel, and the cosine of the angle
+    /// between cable and measuring axis; `None` where the tip sits on the exit.
     #[must_use]
     pub fn cable_at(&self, tip_m: Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
         use control::geometry::{cable_direction, cos_cell_angle};

@@ -1,5 +1,5 @@
-//! The example rig file and the plant agree on where the units stand, so that the embedded rig is the rig
-//! that the file describes.
+//! The example rig file and the plant agree on where the units stand, so that the embedded rig is
+//! the rig that the file describes.
 
 use plant::{nominal_geometry, PlantConfig};
 use rig::Rig;

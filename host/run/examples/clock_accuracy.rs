@@ -2,9 +2,10 @@
 //!
 //! `cargo run --release -p run --example clock_accuracy [SECONDS]`
 //!
-//! The rig without the emulated controller is driven through a link whose host clock drifts: by 38 ppm, which change by 1.5 ppm up
-//! and down in 1,000 s. The board's clock is the rig's own time, so the truth is known. Prints a table for the estimate that is
-//! known while the run goes on, and for the one from readings before and after.
+//! The rig without the emulated controller is driven through a link whose host clock drifts: by 38
+//! ppm, which change by 1.5 ppm up and down in 1,000 s. The board's clock is the rig's own time, so
+//! the truth is known. Prints a table for the estimate that is known while the run goes on, and for
+//! the one from readings before and after.
 
 use emulator_link::{Injection, Report};
 use rig::Rig;

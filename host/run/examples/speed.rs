@@ -2,9 +2,10 @@
 //!
 //! `cargo run --release -p run --example speed [SECONDS]`
 //!
-//! Prints two figures, each with the prescribed path and with the virtual arm: the rig alone (six units sample, the machine
-//! supervises, the robot moves), and a whole run as `forcectl` does it, with the host's allocation and controller at 100 Hz.
-//! The second factor counts the processor's time instead of the clock's (Linux): what the run would reach with a core of its own.
+//! Prints two figures, each with the prescribed path and with the virtual arm: the rig alone (six
+//! units sample, the machine supervises, the robot moves), and a whole run as `forcectl` does it,
+//! with the host's allocation and controller at 100 Hz. The second factor counts the processor's
+//! time instead of the clock's (Linux): what the run would reach with a core of its own.
 
 use core_sim::Options;
 use rig::Rig;

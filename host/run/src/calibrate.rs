@@ -1,8 +1,8 @@
 //! Calibration of an emulated rig's load cells with a known weight on each.
 //!
-//! The thesis does this by hand (3.5.1) before the units are mounted. Every seed of the embedded rig is another
-//! rig, whose cells differ by some percent, and no rig file can know them. On a real rig the rig file holds the
-//! calibration, and this step does nothing.
+//! The thesis does this by hand (3.5.1) before the units are mounted. Every seed of the embedded
+//! rig is another rig, whose cells differ by some percent, and no rig file can know them. On a real
+//! rig the rig file holds the calibration, and this step does nothing.
 
 use crate::error::RunError;
 use crate::phase::{begin, tell_configs, Observer, Phase};
@@ -18,13 +18,15 @@ use wire::UNITS;
 const WEIGHT_N: f64 = 5.0;
 /// Time until the converter's filter holds nothing from before the weight changed.
 const WEIGHT_SETTLE_TIME: Duration = Duration::from_millis(200);
-/// Time over which a weight is averaged: 160 samples take 3 mN of noise to 0.3 mN, 0.06 per mille of the weight.
+/// Time over which a weight is averaged: 160 samples take 3 mN of noise to 0.3 mN, 0.06 per mille
+/// of the weight.
 const WEIGHING_TIME: Duration = Duration::from_millis(500);
-/// Largest relative difference to the rig file's scale. A larger one is a mistake and no calibration.
+/// Largest relative difference to the rig file's scale. A larger one is a mistake and no
+/// calibration.
 const MAX_SCALE_CHANGE: f64 = 0.25;
 
-/// Calibrates the load cells of an emulated rig and sends the new scales. Does nothing on a real rig, and leaves units
-/// alone whose gain was measured (`forcectl calibrate gain`).
+/// Calibrates the load cells of an emulated rig and sends the new scales. Does nothing on a real
+/// rig, and leaves units alone whose gain was measured (`forcectl calibrate gain`).
 pub(super) fn calibrate(
     session: &mut Session<'_>,
     rig: &Rig,
@@ -76,8 +78,8 @@ fn weigh(
     Ok(received.samples)
 }
 
-/// Scale of unit `i` (from 0) from samples with the weight on it, pN per count; the scale found as an error where
-/// it is too far from the one in `config`.
+/// Scale of unit `i` (from 0) from samples with the weight on it, pN per count; the scale found as
+/// an error where it is too far from the one in `config`.
 fn scale_pn_per_count(samples: &[TimedSample], i: usize, config: &UnitConfig) -> Result<i32, f64> {
     let codes: Vec<f64> = samples
         .iter()

@@ -11,8 +11,8 @@ use session::link::RigLink;
 use session::{Session, PERIOD};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Checks that the enabled units of a rig file can hold zero force at every pose that it allows. Nothing may be armed
-/// otherwise, except a single unit on a fixed hook.
+/// Checks that the enabled units of a rig file can hold zero force at every pose that it allows.
+/// Nothing may be armed otherwise, except a single unit on a fixed hook.
 ///
 /// # Errors
 /// [`RunError::Infeasible`] with the reason.

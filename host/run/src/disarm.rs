@@ -10,8 +10,8 @@ const DISARM_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Disarms the board, waits until the motors are at 0 V and stops the robot of an emulated rig.
 ///
-/// The status is asked for in each cycle: a rig's service in lock-step lets no time pass for a commander that is silent
-/// while the newest status says that the board is running.
+/// The status is asked for in each cycle: a rig's service in lock-step lets no time pass for a
+/// commander that is silent while the newest status says that the board is running.
 ///
 /// # Errors
 /// As [`Session::command`]; the board latches a fault, or it is not disarmed after 3 s.

@@ -1,8 +1,8 @@
 //! The 100 Hz loop of a run: arm, tension the cables, let the robot move, hold the force.
 //!
-//! A unit that faults during the run is taken out. The others continue while they can hold zero force; where they
-//! cannot, the rig is ramped down, because the cables that are left would pull the tip aside. A fault of the whole board
-//! ends the run.
+//! A unit that faults during the run is taken out. The others continue while they can hold zero
+//! force; where they cannot, the rig is ramped down, because the cables that are left would pull
+//! the tip aside. A fault of the whole board ends the run.
 
 use crate::checks::{check_stop, fresh_pose};
 use crate::error::{Fault, RunError, UnitLost};
@@ -116,7 +116,8 @@ impl<'a> Hold<'a> {
         }
     }
 
-    /// Waits for a pose that is received from now on, and checks that zero force is within reach there.
+    /// Waits for a pose that is received from now on, and checks that zero force is within reach
+    /// there.
     fn require_pose(&mut self, session: &mut Session<'_>) -> Result<(), RunError> {
         let tip_m = fresh_pose(session, &mut self.pose, &self.options.stop, self.observer)?;
         match feasibility::residual_at(self.rig, tip_m, &self.available)? {
@@ -334,8 +335,8 @@ impl<'a> Hold<'a> {
         }
     }
 
-    /// The run's outcome, after the board was disarmed. `stopped`: why it ended early; the link may be gone then, and
-    /// what only the link knows is left out.
+    /// The run's outcome, after the board was disarmed. `stopped`: why it ended early; the link may
+    /// be gone then, and what only the link knows is left out.
     pub(super) fn outcome(
         mut self,
         session: &mut Session<'_>,

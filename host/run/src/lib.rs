@@ -15,9 +15,9 @@
 //! | progress for the user | `phase` |
 //! | why a run could not be done | `error` |
 //!
-//! [`set_force`] is what the command `forcectl set-force` calls, and the bench and the scenarios as well: no
-//! terminal, no files, one link. After any failure the rig is disarmed as far as the link allows. Setpoints expire on the
-//! board in every case.
+//! [`set_force`] is what the command `forcectl set-force` calls, and the bench and the scenarios as
+//! well: no terminal, no files, one link. After any failure the rig is disarmed as far as the link
+//! allows. Setpoints expire on the board in every case.
 
 mod calibrate;
 mod checks;

@@ -22,8 +22,8 @@ pub struct Options {
     pub hold_s: f64,
     /// Whether the robot of an emulated rig moves meanwhile.
     pub robot_moves: bool,
-    /// What is injected and when, in seconds after the force is commanded (negative: before; what lies before the
-    /// start happens at power-on). Emulated rig only.
+    /// What is injected and when, in seconds after the force is commanded (negative: before; what
+    /// lies before the start happens at power-on). Emulated rig only.
     pub injections: Vec<(f64, Injection)>,
     /// Where the zeros come from.
     pub zeroing: Zeroing,
@@ -49,13 +49,15 @@ impl Options {
 /// Where the zeros of a run come from.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Zeroing {
-    /// Measured now and used whatever they are: an emulated rig at power-on, where the cables are slack.
+    /// Measured now and used whatever they are: an emulated rig at power-on, where the cables are
+    /// slack.
     #[default]
     Measure,
-    /// Those that the board holds. Where it holds none (it was powered up since), they are measured and have to
-    /// agree with the stored ones.
+    /// Those that the board holds. Where it holds none (it was powered up since), they are measured
+    /// and have to agree with the stored ones.
     Keep(ZeroStore),
-    /// Measured now, because the user says that the cables are slack; refused where they disagree with the last ones.
+    /// Measured now, because the user says that the cables are slack; refused where they disagree
+    /// with the last ones.
     Ask(ZeroStore),
     /// Measured now, and the reference for later.
     Replace(ZeroStore),

@@ -23,8 +23,8 @@ pub struct LatencyMs {
 }
 
 impl LatencyMs {
-    /// From the embedded rig's own record from `t0_ns` on, or from the firmware's times in microseconds where there is
-    /// no such record; `None` where there is neither.
+    /// From the embedded rig's own record from `t0_ns` on, or from the firmware's times in
+    /// microseconds where there is no such record; `None` where there is neither.
     pub(super) fn of(report: Option<&Report>, t0_ns: u64, firmware_us: &[u16]) -> Option<Self> {
         let outside: Vec<f64> = report
             .into_iter()

@@ -73,8 +73,8 @@ pub trait Observer {
     fn configured(&mut self, configs: &[UnitConfig; UNITS]) {
         let _ = configs;
     }
-    /// Something arrived: samples, faults, readings of the board's clock. What it holds belongs to the phase and the
-    /// configuration that were told last.
+    /// Something arrived: samples, faults, readings of the board's clock. What it holds belongs to
+    /// the phase and the configuration that were told last.
     fn received(&mut self, received: &Received) {
         self.samples(&received.samples);
     }

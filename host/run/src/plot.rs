@@ -71,8 +71,8 @@ pub fn draw(outcome: &Outcome) -> Scene {
     scene
 }
 
-/// Draws two runs below each other at the same scale: the error at the tip, and that of the cable that was worst
-/// before. In one panel the later curve would hide the earlier one.
+/// Draws two runs below each other at the same scale: the error at the tip, and that of the cable
+/// that was worst before. In one panel the later curve would hide the earlier one.
 #[must_use]
 pub fn compare(before: &Outcome, after: &Outcome) -> Scene {
     let runs = [

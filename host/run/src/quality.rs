@@ -3,9 +3,11 @@
 //! A force counts as held where all of this is true:
 //!
 //! * it was within reach in every cycle;
-//! * its error settled ([`metrics`](force::metrics)) and was within the band for [`LEAST_WITHIN_BAND`] of the time
-//!   from then on, and its root mean square while steady, not averaged, is below [`MOST_RMS_N`];
-//! * neither the controller nor a unit was at a limit for more than [`MOST_SATURATED`] of the steady time;
+//! * its error settled ([`metrics`](force::metrics)) and was within the band for
+//!   [`LEAST_WITHIN_BAND`] of the time from then on, and its root mean square while steady, not
+//!   averaged, is below [`MOST_RMS_N`];
+//! * neither the controller nor a unit was at a limit for more than [`MOST_SATURATED`] of the
+//!   steady time;
 //! * no unit dropped out, and the amplifiers had power;
 //! * every injection that was asked for happened.
 
@@ -20,11 +22,11 @@ use session::TimedSample;
 use wire::message::flags;
 use wire::UNITS;
 
-/// Part of the time after settling for which the error has to be within the band. A friction reversal takes it out for
-/// some 0.1 s.
+/// Part of the time after settling for which the error has to be within the band. A friction
+/// reversal takes it out for some 0.1 s.
 pub const LEAST_WITHIN_BAND: f64 = 0.9;
-/// Largest root mean square of the error while steady, N: twice the band. An oscillation faster than the 100 ms over which
-/// the band is averaged shows here. The embedded rig's is up to 0.14 N.
+/// Largest root mean square of the error while steady, N: twice the band. An oscillation faster
+/// than the 100 ms over which the band is averaged shows here. The embedded rig's is up to 0.14 N.
 pub const MOST_RMS_N: f64 = 2.0 * SETTLED_WITHIN_N;
 /// Part of the steady time for which controller or units may be at a limit.
 pub const MOST_SATURATED: f64 = 0.05;

@@ -22,7 +22,8 @@ const SETTLE_S: f64 = 1.0;
 /// What to hold.
 #[derive(Debug, Clone, Default)]
 pub struct TensionOptions {
-    /// Tensions of units 1 to 6, N; `None`: zero force at the tip with the least tensions of the rig file.
+    /// Tensions of units 1 to 6, N; `None`: zero force at the tip with the least tensions of the
+    /// rig file.
     pub tension_n: Option<[f64; UNITS]>,
     /// For how long after they are reached, s; `None`: until `stop`.
     pub duration_s: Option<f64>,
@@ -53,8 +54,8 @@ struct Sums {
     squared_error: [f64; UNITS],
 }
 
-/// Holds tensions and returns how well. `holding` is called once they count as reached. Any fault ends it: the board
-/// has set the motors to 0 V then.
+/// Holds tensions and returns how well. `holding` is called once they count as reached. Any fault
+/// ends it: the board has set the motors to 0 V then.
 ///
 /// # Errors
 /// [`RunError`]; the rig was made safe as far as the link allowed.

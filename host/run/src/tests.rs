@@ -98,7 +98,8 @@ fn nothing_is_driven_with_a_bad_force() {
 
 #[test]
 fn a_unit_that_faults_is_left_out_where_the_others_can_hold_zero_force() {
-    // Unit 4 pulls where unit 3 does and does not have to pull back: the other five balance without it.
+    // Unit 4 pulls where unit 3 does and does not have to pull back: the other five balance without
+    // it.
     let mut rig = rig();
     for unit in &mut rig.units {
         unit.tension_min_n = 0.1;
@@ -138,7 +139,8 @@ fn a_unit_that_faults_ends_the_run_where_the_others_cannot_hold_zero_force() {
     let outcome = stopped.outcome.unwrap();
     assert_eq!(outcome.ended, Ended::Stopped);
     assert_eq!(outcome.faults[0].unit, Some(4));
-    // Ramped down at once: neither to the end of the run nor with a stop. The cables that pulled with unit 4 let go.
+    // Ramped down at once: neither to the end of the run nor with a stop. The cables that pulled
+    // with unit 4 let go.
     let commanded = outcome.steps.iter().rfind(|s| s.commanded_n.norm() > 0.0);
     assert!(commanded.unwrap().t_s < 1.6);
     let end = outcome.steps.last().unwrap();

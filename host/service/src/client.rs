@@ -1,4 +1,5 @@
-//! A client of the service, and the service as a link: what runs on a port runs on a rig that others watch.
+//! A client of the service, and the service as a link: what runs on a port runs on a rig that
+//! others watch.
 
 use super::hub::STOPPED_BY;
 use super::protocol::{
@@ -22,8 +23,8 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 const RELEASE_TIMEOUT: Duration = Duration::from_millis(500);
 /// How long the service may send no tick before it counts as gone.
 const TICK_TIMEOUT: Duration = Duration::from_secs(3);
-/// Longest single wait for a line. Time in which this process did not run (Ctrl-Z, a computer that sleeps) counts as one at most:
-/// the service is not silent because nobody listened.
+/// Longest single wait for a line. Time in which this process did not run (Ctrl-Z, a computer that
+/// sleeps) counts as one at most: the service is not silent because nobody listened.
 const WAIT_SLICE: Duration = Duration::from_millis(100);
 /// Why a service can't be used.
 #[derive(Debug, thiserror::Error)]
@@ -319,14 +320,16 @@ impl ServiceLink {
         client.call(Call::Command)?;
         let mut link = Self::observer(client)?;
         link.commands = true;
-        // An emulated rig's figures count from here. They belong to the commander: an observer would take them from its run.
+        // An emulated rig's figures count from here. They belong to the commander: an observer
+        // would take them from its run.
         if link.client.welcome.seed.is_some() {
             link.client.call(Call::Report)?;
         }
         Ok(link)
     }
 
-    /// A link that observes. The board's commands that need the role are refused on it, apart from stop.
+    /// A link that observes. The board's commands that need the role are refused on it, apart from
+    /// stop.
     ///
     /// # Errors
     /// The service is gone.
@@ -415,8 +418,9 @@ impl RigLink for ServiceLink {
             let text = BASE64_STANDARD.encode(to_board);
             self.client.send(Call::Bytes(text), None)?;
         }
-        // From here, and not from what has come meanwhile: a service in lock-step waits for this client's next frame, and
-        // would wait for ever if this waited for time after that. Each exchange brings something, and none catches up.
+        // From here, and not from what has come meanwhile: a service in lock-step waits for this
+        // client's next frame, and would wait for ever if this waited for time after that. Each
+        // exchange brings something, and none catches up.
         let target_ns = self.now_ns + u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX / 2);
         let mut exchange = Exchange::default();
         // What has come already.

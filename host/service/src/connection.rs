@@ -1,4 +1,5 @@
-//! One connection: a thread reads lines into the hub's queue, another writes what the hub wants to say.
+//! One connection: a thread reads lines into the hub's queue, another writes what the hub wants to
+//! say.
 
 use super::inbound::{ClientId, Inbound};
 use super::outbox::{Closing, Outbox};
@@ -18,7 +19,8 @@ pub(super) trait Stream: Send {
     fn parts(self) -> io::Result<Parts>;
 }
 
-/// Reading half, writing half, and what ends both: a blocked write fails, the reading half gets an end of file.
+/// Reading half, writing half, and what ends both: a blocked write fails, the reading half gets an
+/// end of file.
 type Parts = (
     Box<dyn Read + Send>,
     Box<dyn Write + Send>,

@@ -1,7 +1,8 @@
 //! Frames of the board for several clients: each client sees a count without gaps of its own.
 //!
-//! The board counts its frames. A client that does not get the replies to others would take each of them for a lost
-//! frame; so each client has a count of its own, which has a gap only where the board's had one.
+//! The board counts its frames. A client that does not get the replies to others would take each of
+//! them for a lost frame; so each client has a count of its own, which has a gap only where the
+//! board's had one.
 
 use wire::{BoardFrame, BoardMessage};
 

@@ -1,7 +1,8 @@
 //! The hub: the one loop that owns the link. It decides who may command, and which bytes go where.
 //!
-//! Every [`CYCLE`] it takes what clients sent, exchanges bytes with the board, and hands out what arrived. It never waits
-//! for a client. All state is in this one thread; connections and jobs talk to it through [`Inbound`].
+//! Every [`CYCLE`] it takes what clients sent, exchanges bytes with the board, and hands out what
+//! arrived. It never waits for a client. All state is in this one thread; connections and jobs talk
+//! to it through [`Inbound`].
 //!
 //! | part | file |
 //! | --- | --- |
@@ -49,10 +50,12 @@ const MAX_ATTEMPTS: u32 = 10;
 const CLIENT_REPLY_NS: u64 = 1_000_000_000;
 /// A step of board time further back than this is a reset, us (as in the session).
 const RESET_STEP_US: i32 = -500_000;
-/// With [`Setup::lockstep`], how far the link's time may run ahead of the commander's last frame, ns: four of its cycles.
+/// With [`Setup::lockstep`], how far the link's time may run ahead of the commander's last frame,
+/// ns: four of its cycles.
 const LEAD_NS: u64 = 40_000_000;
-/// With [`Setup::lockstep`], how long the hub waits for a commander on the clock on the wall. One that hangs is left behind.
-/// Shorter than the 3 s after which a client gives a silent service up, so that the two never wait for each other.
+/// With [`Setup::lockstep`], how long the hub waits for a commander on the clock on the wall. One
+/// that hangs is left behind. Shorter than the 3 s after which a client gives a silent service up,
+/// so that the two never wait for each other.
 const LOCKSTEP_WAIT: Duration = Duration::from_secs(2);
 /// Time between two attempts to open a link that was lost.
 const REOPEN: Duration = Duration::from_millis(500);
@@ -155,7 +158,8 @@ impl Hub {
     ) -> Self {
         let seed = link.controls().map(|controls| controls.seed());
         let (file, text) = &setup.rig_file;
-        // A calibration that can't be read is named to whoever drives; the view then has the rig file's numbers.
+        // A calibration that can't be read is named to whoever drives; the view then has the rig
+        // file's numbers.
         let rig = Rig::parse(file, text)
             .ok()
             .map(|rig| base::with_calibration(rig.clone(), seed).unwrap_or(rig));
@@ -259,7 +263,8 @@ impl Hub {
         }
     }
 
-    /// Whether the link's time has to wait, because a commander drives and has not sent anything for this time.
+    /// Whether the link's time has to wait, because a commander drives and has not sent anything
+    /// for this time.
     fn must_wait_for_commander(&self) -> bool {
         let running = self
             .status
@@ -400,8 +405,8 @@ impl Hub {
     }
 
     fn send_again(&mut self, mut pending: Pending) {
-        // Setpoints replace those that have not gone out: a rig slower than its commander's clock must not have a queue of
-        // old ones in front of what matters.
+        // Setpoints replace those that have not gone out: a rig slower than its commander's clock
+        // must not have a queue of old ones in front of what matters.
         let replaced = self
             .unsent_setpoints
             .take()
@@ -416,10 +421,12 @@ impl Hub {
             command: pending.command.clone(),
         };
         let mut out = [0; wire::MAX_FRAME];
-        // Every host frame is far shorter than MAX_FRAME; one that were not gets no reply and an error.
+        // Every host frame is far shorter than MAX_FRAME; one that were not gets no reply and an
+        // error.
         if let Ok(length) = wire::encode(&frame, &mut out) {
             if pending.command == Command::Stop {
-                // Nothing may follow that was queued before it, and no clear that was asked for before it may undo it.
+                // Nothing may follow that was queued before it, and no clear that was asked for
+                // before it may undo it.
                 self.outbox.clear();
                 self.pending
                     .retain(|_, pending| pending.command != Command::ClearFaults);
@@ -529,7 +536,8 @@ impl Hub {
     /// A reply of the board, to whoever asked.
     fn replied(&mut self, pending: Pending, response: Response) {
         if response == Response::Rejected(CommandError::NotConnected) && self.info.is_some() {
-            // The board has forgotten the hello: it was reset, also where its clock does not show it.
+            // The board has forgotten the hello: it was reset, also where its clock does not show
+            // it.
             self.note_reset();
         }
         if pending.command == Command::Stop && response == Response::Done {

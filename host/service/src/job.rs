@@ -1,6 +1,7 @@
 //! What the service does by itself on behalf of a client: hold tensions, or a force.
 //!
-//! A job is a client like any other, in a thread of its own: the hub treats its frames as those of a commander.
+//! A job is a client like any other, in a thread of its own: the hub treats its frames as those of
+//! a commander.
 
 use super::client::{Client, ServiceLink};
 use super::connection;
@@ -55,8 +56,8 @@ pub(super) struct Running {
 }
 
 impl Running {
-    /// Whether it ends when its client goes away: nobody would get a force's result, and a hold that has not answered yet may
-    /// not be wanted any more.
+    /// Whether it ends when its client goes away: nobody would get a force's result, and a hold
+    /// that has not answered yet may not be wanted any more.
     pub(super) fn ends_with_client(&self) -> bool {
         !(self.stays && self.holds)
     }
@@ -149,7 +150,8 @@ fn run(
     }
 }
 
-/// Where the zeros of a rig are stored: nowhere for an emulated one, which is another one each time.
+/// Where the zeros of a rig are stored: nowhere for an emulated one, which is another one each
+/// time.
 #[must_use]
 pub(super) fn store(rig: &Rig, seed: Option<u64>) -> ZeroStore {
     if seed.is_some() {

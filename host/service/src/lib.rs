@@ -1,4 +1,5 @@
-//! The service that owns the one link to a rig and serves many clients: `forcectl serve`, `forcectl rig`.
+//! The service that owns the one link to a rig and serves many clients: `forcectl serve`,
+//! `forcectl rig`.
 //!
 //! ```text
 //!                       +-- commander (set-force, hold, ...): setpoints, arm, disarm
@@ -22,10 +23,12 @@
 //! | a program that expects a serial port | `terminal` |
 //! | accepting clients, start and end | `server` |
 //!
-//! One client commands at a time, any number observe, and each of them may stop the rig. A commander that goes away
-//! has the rig disarmed. If the service itself ends, the setpoints expire and the board stops within 100 ms.
+//! One client commands at a time, any number observe, and each of them may stop the rig. A
+//! commander that goes away has the rig disarmed. If the service itself ends, the setpoints expire
+//! and the board stops within 100 ms.
 //!
-//! It talks over Unix sockets and pseudo-terminals: on other systems this crate is empty, and every command opens the link itself.
+//! It talks over Unix sockets and pseudo-terminals: on other systems this crate is empty, and every
+//! command opens the link itself.
 #![cfg(unix)]
 
 mod account;

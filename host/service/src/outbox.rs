@@ -1,7 +1,7 @@
 //! What waits between the hub and one client.
 //!
-//! The hub never waits for a client. What a client does not read in time is dropped where it is telemetry, and ends the
-//! connection where it is an answer.
+//! The hub never waits for a client. What a client does not read in time is dropped where it is
+//! telemetry, and ends the connection where it is an answer.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -11,8 +11,8 @@ const MAX_TELEMETRY: usize = 4096;
 /// Lines in all that wait for a client at most. One that leaves more unread is disconnected.
 pub(super) const MAX_WAITING: usize = 5120;
 
-/// Requests of one client that the hub has not carried out at most. More are left unread: a client that floods the service makes
-/// itself wait, and nobody else.
+/// Requests of one client that the hub has not carried out at most. More are left unread: a client
+/// that floods the service makes itself wait, and nobody else.
 pub(super) const MAX_REQUESTS: usize = 64;
 
 /// Ends a connection.

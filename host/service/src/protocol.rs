@@ -1,7 +1,9 @@
-//! Messages between the service and its clients: JSON-RPC 2.0, one object per line (docs/service.md).
+//! Messages between the service and its clients: JSON-RPC 2.0, one object per line
+//! (docs/service.md).
 //!
-//! A client sends requests `{"jsonrpc": "2.0", "id": 1, "method": "stop"}`. The service answers each request that has an
-//! `id`, and sends notifications (no `id`) for the topics that the client subscribed to. The first request is `hello`.
+//! A client sends requests `{"jsonrpc": "2.0", "id": 1, "method": "stop"}`. The service answers
+//! each request that has an `id`, and sends notifications (no `id`) for the topics that the client
+//! subscribed to. The first request is `hello`.
 
 use super::account;
 use emulator_link::{Pose, Truth};
@@ -43,8 +45,8 @@ pub mod code {
 pub enum Call {
     /// First request.
     Hello(Hello),
-    /// Become the commander. Refused while another client commands, unless that one has been silent for 1 s
-    /// of the link's time and drives nothing.
+    /// Become the commander. Refused while another client commands, unless that one has been silent
+    /// for 1 s of the link's time and drives nothing.
     Command,
     /// Stop being the commander. A rig that is driven is disarmed.
     Release,
@@ -58,7 +60,8 @@ pub enum Call {
     Status,
     /// Receive notifications of these topics, and no others.
     Subscribe(Topics),
-    /// Frames for the board as docs/protocol.md describes them, in base64. Has no answer of its own.
+    /// Frames for the board as docs/protocol.md describes them, in base64. Has no answer of its
+    /// own.
     Bytes(String),
     /// The service holds tensions until `disarm`: arms, holds, and answers when it holds.
     Hold(HoldParams),
@@ -69,12 +72,14 @@ pub enum Call {
         /// `true`: move.
         moving: bool,
     },
-    /// A fault of an emulated rig, in the words of `forcectl set-force --inject help`, without a time: `unplug=3`.
+    /// A fault of an emulated rig, in the words of `forcectl set-force --inject help`, without a
+    /// time: `unplug=3`.
     Inject {
         /// The fault.
         what: String,
     },
-    /// Figures of an emulated rig since the last such request (postcard of `emulator_link::Report`, base64).
+    /// Figures of an emulated rig since the last such request (postcard of `emulator_link::Report`,
+    /// base64).
     Report,
     /// End the service. A rig that is driven is disarmed first.
     Shutdown,
@@ -105,11 +110,13 @@ pub struct Hello {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Topics {
-    /// [`Tick`]: each cycle of the link, with the board's frames as bytes. What `forcectl` itself uses.
+    /// [`Tick`]: each cycle of the link, with the board's frames as bytes. What `forcectl` itself
+    /// uses.
     pub ticks: bool,
     /// The plant's true state in the ticks (emulated rig).
     pub truth: bool,
-    /// [`Telemetry`]: tensions, forces, states and faults, 50 times a second; twice a second while the link is lost.
+    /// [`Telemetry`]: tensions, forces, states and faults, 50 times a second; twice a second while
+    /// the link is lost.
     pub telemetry: bool,
     /// [`Event`]: faults, who commands, a link that is lost or back.
     pub events: bool,

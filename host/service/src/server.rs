@@ -28,8 +28,8 @@ pub struct ServeOptions {
     pub reopen: Option<Opener>,
     /// End where nobody was connected for this long and nothing is driven.
     pub idle_end: Option<Duration>,
-    /// The link's time is not that of the clock on the wall, but passes as fast as it can be computed: it then waits for a
-    /// commander that drives.
+    /// The link's time is not that of the clock on the wall, but passes as fast as it can be
+    /// computed: it then waits for a commander that drives.
     pub lockstep: bool,
     /// Set from outside to end the service.
     pub stop: Arc<AtomicBool>,

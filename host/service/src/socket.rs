@@ -41,8 +41,9 @@ pub fn name_of(link: &LinkChoice) -> String {
     }
 }
 
-/// The folder of the sockets: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_RUNTIME_DIR`, else a folder in the user's home. Never one
-/// where another user could listen in place of the service: a client sends forces to whoever answers.
+/// The folder of the sockets: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_RUNTIME_DIR`, else a
+/// folder in the user's home. Never one where another user could listen in place of the service: a
+/// client sends forces to whoever answers.
 ///
 /// # Errors
 /// None of these variables is set, nor `HOME`.
@@ -101,7 +102,8 @@ fn candidates(
     folders
 }
 
-/// Makes the folder of the sockets where it does not exist. Refuses one that another user could reach into.
+/// Makes the folder of the sockets where it does not exist. Refuses one that another user could
+/// reach into.
 ///
 /// # Errors
 /// It can't be made, belongs to another user or is open to others.
@@ -300,7 +302,8 @@ pub struct Listening {
     /// The listener.
     pub listener: UnixListener,
     path: PathBuf,
-    /// Held as long as the service lives: two services that start at once can't both take over a dead socket.
+    /// Held as long as the service lives: two services that start at once can't both take over a
+    /// dead socket.
     lock: fs::File,
     _announced: Option<UnixDatagram>,
 }
@@ -309,7 +312,8 @@ impl Listening {
     /// Listens for a rig. A socket that a killed service left behind is replaced.
     ///
     /// # Errors
-    /// A service for this rig runs already ([`io::ErrorKind::AddrInUse`]), or the folder is not usable.
+    /// A service for this rig runs already ([`io::ErrorKind::AddrInUse`]), or the folder is not
+    /// usable.
     pub fn bind(name: &str) -> io::Result<Self> {
         make_folder()?;
         Self::bind_at(path_of(name)?)

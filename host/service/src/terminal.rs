@@ -1,4 +1,5 @@
-//! A pseudo-terminal for a program that expects a serial port. It gets the board's frames and may command, as a client.
+//! A pseudo-terminal for a program that expects a serial port. It gets the board's frames and may
+//! command, as a client.
 //!
 //! Nobody has to read it: what does not fit is dropped, and the service never waits.
 
@@ -15,7 +16,8 @@ const CHUNK: usize = 4096;
 #[derive(Debug)]
 pub(super) struct Terminal {
     master: File,
-    /// Held open: the line stays raw, and reading the other side's end is no error while nobody has it open.
+    /// Held open: the line stays raw, and reading the other side's end is no error while nobody has
+    /// it open.
     _slave: File,
     path: String,
 }

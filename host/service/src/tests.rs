@@ -1,4 +1,5 @@
-//! Tests of the service with a board in memory: who may do what, what happens when someone goes away.
+//! Tests of the service with a board in memory: who may do what, what happens when someone goes
+//! away.
 
 use super::client::{Client, Notification, ServiceError, ServiceLink};
 use super::hub::CYCLE;
@@ -23,8 +24,8 @@ use wire::{Command, HostFrame, UNITS};
 /// Longest wait for what has to come. A limit of patience, not of speed: the machine may be busy.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A board in memory whose time passes as fast as it can be computed; while nothing happens, at most three times as fast as on the
-/// clock on the wall.
+/// A board in memory whose time passes as fast as it can be computed; while nothing happens, at
+/// most three times as fast as on the clock on the wall.
 struct Paced {
     board: FakeBoard,
     last: Instant,
@@ -79,8 +80,9 @@ impl RigLink for Paced {
                 cause: "unplugged".to_owned(),
             });
         }
-        // Not seconds ahead of an observer that the machine gives no time: time stands still, the service goes on. Each
-        // cycle is a tick for the observer to read, so they come at the pace of a real link.
+        // Not seconds ahead of an observer that the machine gives no time: time stands still, the
+        // service goes on. Each cycle is a tick for the observer to read, so they come at the pace
+        // of a real link.
         let duration = if self.board.now_ns > self.no_further.load(Ordering::SeqCst) {
             std::thread::sleep(duration);
             Duration::ZERO
@@ -106,7 +108,8 @@ impl RigLink for Paced {
     }
 }
 
-/// An observer's link. While it is in use, the rig's time gets ahead of what it has read by [`MAX_LEAD_NS`] at most.
+/// An observer's link. While it is in use, the rig's time gets ahead of what it has read by
+/// [`MAX_LEAD_NS`] at most.
 struct Leash {
     link: ServiceLink,
     now_ns: u64,
@@ -547,7 +550,8 @@ fn two_services_of_one_rig_are_refused_and_a_dead_socket_is_replaced() {
     assert!(Listening::bind_at(rig.path.clone()).is_ok());
 }
 
-/// Counts what is allocated. Resident memory would count what the allocator keeps after a burst as well.
+/// Counts what is allocated. Resident memory would count what the allocator keeps after a burst as
+/// well.
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
@@ -557,18 +561,21 @@ fn bytes_in_use() -> usize {
     stats.bytes_allocated - stats.bytes_deallocated
 }
 
-/// How far the link's time may be ahead of what an observer has read, ns: less than what waits for a client at most (8 s).
+/// How far the link's time may be ahead of what an observer has read, ns: less than what waits for
+/// a client at most (8 s).
 const MAX_LEAD_NS: u64 = 3_000_000_000;
 
 /// How much the memory in use may grow over the test, bytes.
 const MAX_GROWTH: usize = 1 << 18;
 
-/// How long the test of memory is to last, in hours of the link's time; then it runs as fast as it can.
+/// How long the test of memory is to last, in hours of the link's time; then it runs as fast as it
+/// can.
 fn soak_hours() -> Option<f64> {
     std::env::var("FORCE_SOAK_HOURS").ok()?.parse().ok()
 }
 
-/// Clients come and go while the rig is held, for `FORCE_SOAK_HOURS` of the link's time (default: 20 s).
+/// Clients come and go while the rig is held, for `FORCE_SOAK_HOURS` of the link's time (default:
+/// 20 s).
 #[test]
 #[allow(clippy::print_stdout)]
 fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
@@ -579,7 +586,8 @@ fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
     let started = holder.status().unwrap();
     let status_of = |status: &super::protocol::ServiceStatus| status.board.clone().unwrap();
     let (mut clients, mut samples) = (0_u32, 0_usize);
-    // The least memory in use in each tenth of the time: what nobody's backlog of a moment is part of.
+    // The least memory in use in each tenth of the time: what nobody's backlog of a moment is part
+    // of.
     let mut least = [usize::MAX; 10];
     loop {
         // An observer for half a second of the link's time, and a client that says nothing.
@@ -764,7 +772,8 @@ fn a_second_hold_does_not_make_the_first_one_lost() {
     first
         .send(Call::Hold(HoldParams::default()), Some(1000))
         .unwrap();
-    // Requests of one client are carried out in order: the first job is ordered now, and may not command yet.
+    // Requests of one client are carried out in order: the first job is ordered now, and may not
+    // command yet.
     first.status().unwrap();
     let refused = second.call(Call::Hold(HoldParams::default())).unwrap_err();
     assert!(

@@ -5,11 +5,13 @@
 //! * a request was sent before the board read its clock for the reply: offset >= sent - board time,
 //! * a frame arrived after the board read its clock: offset <= received - board time.
 //!
-//! The two clocks are taken as linear to each other within a window. All lines (offset, drift) that respect every bound of
-//! the window form a convex set; the estimate is the middle of the offsets that it allows at a time, and the uncertainty is
-//! half their range. So the error does not depend on a symmetric delay: it is within the uncertainty as long as the bounds
-//! are true and the drift changes by no more than [`DRIFT_CHANGE_PER_S`]. The shortest delays of the window decide, as in the
-//! minimum filter of PTP and NTP; the two-sided form is the convex-hull method (Duda et al. 1987).
+//! The two clocks are taken as linear to each other within a window. All lines (offset, drift) that
+//! respect every bound of the window form a convex set; the estimate is the middle of the offsets
+//! that it allows at a time, and the uncertainty is half their range. So the error does not depend
+//! on a symmetric delay: it is within the uncertainty as long as the bounds are true and the drift
+//! changes by no more than [`DRIFT_CHANGE_PER_S`]. The shortest delays of the window decide, as in
+//! the minimum filter of PTP and NTP; the two-sided form is the convex-hull method (Duda et al.
+//! 1987).
 
 mod one_way;
 
@@ -17,14 +19,16 @@ pub use one_way::OneWayClock;
 
 use std::collections::VecDeque;
 
-/// Largest drift of the board's clock against the host's. A board without its HSE input runs on the HSI: 1 % (docs/wiring.md).
+/// Largest drift of the board's clock against the host's. A board without its HSE input runs on the
+/// HSI: 1 % (docs/wiring.md).
 pub const DRIFT_MAX: f64 = 0.02;
-/// Fastest change of the drift that the uncertainty covers, 1/s: 0.01 ppm a second, a crystal of 0.5 ppm per kelvin that
-/// warms by a kelvin in 50 s.
+/// Fastest change of the drift that the uncertainty covers, 1/s: 0.01 ppm a second, a crystal of
+/// 0.5 ppm per kelvin that warms by a kelvin in 50 s.
 pub const DRIFT_CHANGE_PER_S: f64 = 1e-8;
 /// Time of the board in which only the tightest bound of each side is kept, us.
 pub const BIN_US: u64 = 250_000;
-/// Half the width of the window, s: readings that are further away from the time of interest are left out.
+/// Half the width of the window, s: readings that are further away from the time of interest are
+/// left out.
 pub const WINDOW_S: f64 = 30.0;
 
 /// Steps of a search over a unimodal function or a boundary: 0.04 times (2/3)^60 is 1e-12.
@@ -68,12 +72,13 @@ pub struct Estimate {
     pub offset_ns: f64,
     /// Largest error of the offset, ns. Infinite where one side has no bound.
     pub uncertainty_ns: f64,
-    /// Change of the offset per board time (0.000001 is 1 ppm; positive: the board's clock is slow).
+    /// Change of the offset per board time (0.000001 is 1 ppm; positive: the board's clock is
+    /// slow).
     pub drift: f64,
     /// Largest error of the drift.
     pub drift_uncertainty: f64,
-    /// By how much the bounds contradict each other, ns; 0 where they do not. A clock that jumped, or a wrong reading. The
-    /// uncertainty contains it.
+    /// By how much the bounds contradict each other, ns; 0 where they do not. A clock that jumped,
+    /// or a wrong reading. The uncertainty contains it.
     pub contradiction_ns: f64,
 }
 
@@ -177,8 +182,8 @@ impl BoardClock {
         (!self.open.is_empty()).then_some(self.open)
     }
 
-    /// Offset and drift at a board time; `None` before the first reading. A live clock has no readings after the newest,
-    /// and extends the line.
+    /// Offset and drift at a board time; `None` before the first reading. A live clock has no
+    /// readings after the newest, and extends the line.
     #[must_use]
     pub fn at(&self, board_us: u64) -> Option<Estimate> {
         let window = self.window(board_us);
@@ -187,7 +192,8 @@ impl BoardClock {
 
     /// The bounds of a window around a board time.
     fn window(&self, board_us: u64) -> Window {
-        // A live clock keeps what its window may hold. A complete one has long memory: only what is near counts.
+        // A live clock keeps what its window may hold. A complete one has long memory: only what is
+        // near counts.
         let half_us = if self.memory_us.is_some() {
             u64::MAX
         } else {

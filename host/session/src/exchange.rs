@@ -1,8 +1,9 @@
-//! Exchanges of bytes with the board: the one place where anything is sent, the setpoints in force among it, and where
-//! time passes.
+//! Exchanges of bytes with the board: the one place where anything is sent, the setpoints in force
+//! among it, and where time passes.
 //!
-//! Twice a second a status is requested for the sake of the clock alone. It is waited for a few milliseconds in steps
-//! of one, so that its arrival is known to a millisecond although the host's cycle has ten.
+//! Twice a second a status is requested for the sake of the clock alone. It is waited for a few
+//! milliseconds in steps of one, so that its arrival is known to a millisecond although the host's
+//! cycle has ten.
 
 use super::session::MAX_POSE_AGE_NS;
 use super::{
@@ -21,8 +22,8 @@ const READING_STEP: Duration = Duration::from_millis(1);
 const READING_WAIT: Duration = Duration::from_millis(5);
 
 impl Session<'_> {
-    /// Sends setpoints, and exchanges bytes with the board while `duration` passes. They stay in force: every exchange
-    /// from now on sends them again when 10 ms are over.
+    /// Sends setpoints, and exchanges bytes with the board while `duration` passes. They stay in
+    /// force: every exchange from now on sends them again when 10 ms are over.
     ///
     /// # Errors
     /// As [`Session::exchange`].
@@ -35,15 +36,16 @@ impl Session<'_> {
         self.exchange(duration)
     }
 
-    /// Puts setpoints in force from now on: they go out with the next exchange and every 10 ms after it.
-    /// `None` ends that.
+    /// Puts setpoints in force from now on: they go out with the next exchange and every 10 ms
+    /// after it. `None` ends that.
     pub fn set_setpoints(&mut self, setpoints: Option<[UnitSetpoint; UNITS]>) {
         self.setpoints = setpoints;
         self.setpoints_due_ns = self.now_ns;
     }
 
-    /// Sends setpoints once, valid for `valid_ms` of the board's own time, 1 to 1,000: without newer ones the board then goes to 0 V
-    /// by itself and latches fault 2. Exchanges bytes with the board while `duration` passes.
+    /// Sends setpoints once, valid for `valid_ms` of the board's own time, 1 to 1,000: without
+    /// newer ones the board then goes to 0 V by itself and latches fault 2. Exchanges bytes with
+    /// the board while `duration` passes.
     ///
     /// # Errors
     /// As [`Session::exchange`].
@@ -58,8 +60,8 @@ impl Session<'_> {
         self.exchange(duration)
     }
 
-    /// Exchanges bytes with the board while `duration` passes: what is queued goes out, with the setpoints in force
-    /// every 10 ms, and what arrives is received.
+    /// Exchanges bytes with the board while `duration` passes: what is queued goes out, with the
+    /// setpoints in force every 10 ms, and what arrives is received.
     ///
     /// # Errors
     /// The link is gone, the board stopped sending or was reset.
@@ -97,7 +99,8 @@ impl Session<'_> {
         }
     }
 
-    /// One exchange over the link: setpoints that are due and the queued bytes go out, what arrived is evaluated.
+    /// One exchange over the link: setpoints that are due and the queued bytes go out, what arrived
+    /// is evaluated.
     pub(super) fn exchange_once(&mut self, duration: Duration) -> Result<(), SessionError> {
         if self.now_ns >= self.setpoints_due_ns {
             self.queue_setpoints();

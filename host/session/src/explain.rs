@@ -44,7 +44,8 @@ pub fn motor_state_name(number: u8) -> String {
     )
 }
 
-/// A fault that the board has latched. Displayed in one line: the unit, where it is one's, and [`explain_fault`].
+/// A fault that the board has latched. Displayed in one line: the unit, where it is one's, and
+/// [`explain_fault`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LatchedFault {
     /// Unit from 1; `None`: the whole board, or not told.

@@ -7,8 +7,8 @@ pub struct Gaps {
 }
 
 impl Gaps {
-    /// Takes the number of the frame that arrived. Returns how many frames are missing before it. A step of more than half the
-    /// range is a new count (a reset) and no gap.
+    /// Takes the number of the frame that arrived. Returns how many frames are missing before it. A
+    /// step of more than half the range is a new count (a reset) and no gap.
     pub fn arrived(&mut self, seq: u16) -> u16 {
         let gap = self
             .last

@@ -16,9 +16,10 @@
 //! | numbers in words | `explain` |
 //! | what can go wrong | `error` |
 //!
-//! Whatever arrives while a command waits for its response is stored and returned by [`Session::drain`], so no sample
-//! is lost during a request. While setpoints are in force they are sent again every 10 ms, also during a request: the
-//! board stops within 100 ms when they cease. SI units throughout; the wire's integers end here.
+//! Whatever arrives while a command waits for its response is stored and returned by
+//! [`Session::drain`], so no sample is lost during a request. While setpoints are in force they are
+//! sent again every 10 ms, also during a request: the board stops within 100 ms when they cease. SI
+//! units throughout; the wire's integers end here.
 
 pub mod clock;
 mod error;

@@ -1,11 +1,13 @@
 //! How long a step of the board may take, by the clock of the board.
 //!
-//! An emulated board on a serial line can run at a tenth of real time. What takes it 2 s takes the host 20 s, and nothing is
-//! wrong. So the time that counts is the board's, from its status frames, wherever that clock is the slower one.
+//! An emulated board on a serial line can run at a tenth of real time. What takes it 2 s takes the
+//! host 20 s, and nothing is wrong. So the time that counts is the board's, from its status frames,
+//! wherever that clock is the slower one.
 
 use std::time::Duration;
 
-/// How much more than the permitted time may pass on the host's clock, whatever the board's clock says.
+/// How much more than the permitted time may pass on the host's clock, whatever the board's clock
+/// says.
 const MOST: u64 = 20;
 
 /// The time that a step has taken and may take.
@@ -13,7 +15,8 @@ const MOST: u64 = 20;
 pub struct Patience {
     timeout_ns: u64,
     since_ns: u64,
-    /// Board time of the newest status in microseconds, and how much of it has passed in nanoseconds.
+    /// Board time of the newest status in microseconds, and how much of it has passed in
+    /// nanoseconds.
     board: Option<(u32, u64)>,
 }
 
@@ -28,7 +31,8 @@ impl Patience {
         }
     }
 
-    /// Takes the board time of the newest status, if there is one, and returns whether the time is over.
+    /// Takes the board time of the newest status, if there is one, and returns whether the time is
+    /// over.
     pub fn is_over(&mut self, now_ns: u64, board_us: Option<u32>) -> bool {
         if let Some(t_us) = board_us {
             let passed_ns = self.board.map_or(0, |(last_us, passed_ns)| {
@@ -65,7 +69,8 @@ impl Default for Pace {
 }
 
 impl Pace {
-    /// Time on the host's clock that a measurement takes at least: some frames of a board at a tenth of real time.
+    /// Time on the host's clock that a measurement takes at least: some frames of a board at a
+    /// tenth of real time.
     const LEAST_NS: u64 = 500_000_000;
 
     /// A frame with the board's time has come.

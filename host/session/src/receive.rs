@@ -5,7 +5,8 @@ use crate::clock::Reading;
 use wire::message::{Response, Status};
 use wire::{BoardFrame, BoardMessage};
 
-/// A step of board time further back than this is a reset and not telemetry out of order, in microseconds.
+/// A step of board time further back than this is a reset and not telemetry out of order, in
+/// microseconds.
 const RESET_STEP_US: i32 = -500_000;
 
 impl Session<'_> {

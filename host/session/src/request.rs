@@ -8,7 +8,8 @@ use std::time::Duration;
 use wire::message::{BoardConfig, CommandError, Response, Status, UnitConfig};
 use wire::{Command, HostFrame, UNITS};
 
-/// How long a response may take. The board answers within a pass of its loop; the rest is the link's.
+/// How long a response may take. The board answers within a pass of its loop; the rest is the
+/// link's.
 pub(super) const RESPONSE_TIMEOUT: Duration = Duration::from_millis(150);
 /// How often a command is sent before the link counts as lost. Every command may be repeated.
 const MAX_ATTEMPTS: u32 = 4;
@@ -27,8 +28,8 @@ impl Session<'_> {
             command,
         };
         let mut out = [0; wire::MAX_FRAME];
-        // Every host frame is far shorter than MAX_FRAME, so encoding cannot fail; should a message ever grow
-        // past it, the request times out with an error.
+        // Every host frame is far shorter than MAX_FRAME, so encoding cannot fail; should a message
+        // ever grow past it, the request times out with an error.
         if let Ok(length) = wire::encode(&frame, &mut out) {
             self.outbox.extend_from_slice(&out[..length]);
         }
@@ -190,8 +191,9 @@ impl Session<'_> {
         }
     }
 
-    /// Takes the rig to a safe state as far as the link allows: asks to disarm, and to stop where that fails. Setpoints
-    /// cease either way, so the board stops by itself even when nothing gets through.
+    /// Takes the rig to a safe state as far as the link allows: asks to disarm, and to stop where
+    /// that fails. Setpoints cease either way, so the board stops by itself even when nothing gets
+    /// through.
     pub fn make_safe(&mut self) {
         self.setpoints = None;
         self.outbox.clear();

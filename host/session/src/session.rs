@@ -14,9 +14,11 @@ use wire::{Decoder, UNITS};
 
 /// Period of the host's controller and of the setpoints (thesis 3.7: 100 Hz).
 pub const PERIOD: Duration = Duration::from_millis(10);
-/// For how long the board may hold setpoints, in milliseconds: nine lost frames in a row are survived.
+/// For how long the board may hold setpoints, in milliseconds: nine lost frames in a row are
+/// survived.
 pub const SETPOINTS_VALID_MS: u16 = 100;
-/// A tension older than this, counted from the newest of all units, is not used, us: a few sample periods.
+/// A tension older than this, counted from the newest of all units, is not used, us: a few sample
+/// periods.
 const MAX_SAMPLE_AGE_US: u64 = 30_000;
 /// A pose older than this is not used, ns: as of a robot's own software (`max_age_s`).
 pub(super) const MAX_POSE_AGE_NS: u64 = 100_000_000;
@@ -188,7 +190,8 @@ impl<'l> Session<'l> {
         self.tension_n
     }
 
-    /// Newest cable tension of each unit in N; `None` where it is more than 30 ms older than the newest of all.
+    /// Newest cable tension of each unit in N; `None` where it is more than 30 ms older than the
+    /// newest of all.
     #[must_use]
     pub fn recent_tension_n(&self) -> [Option<f64>; UNITS] {
         let newest_us = self.tension_n.iter().flatten().map(|(_, at)| *at).max();

@@ -1,6 +1,6 @@
-//! What a rig does now, as one object: tensions, setpoints, states, faults, the force at the tip. One data model for
-//! everyone who watches: the service sends it 50 times a second, and `monitor` shows it, whether it comes from a service or
-//! from a session of its own.
+//! What a rig does now, as one object: tensions, setpoints, states, faults, the force at the tip.
+//! One data model for everyone who watches: the service sends it 50 times a second, and `monitor`
+//! shows it, whether it comes from a service or from a session of its own.
 //!
 //! [`Gatherer`] puts it together from the board's messages.
 
@@ -22,8 +22,8 @@ pub const FRESH_NS: u64 = 100_000_000;
 pub struct Telemetry {
     /// Time of the link, s.
     pub t_s: f64,
-    /// Newest cable tension of each unit, N; `null` without a sample in the last 0.1 s. A number without a zero (see
-    /// `zeroed`) has an unknown offset of up to tens of newtons.
+    /// Newest cable tension of each unit, N; `null` without a sample in the last 0.1 s. A number
+    /// without a zero (see `zeroed`) has an unknown offset of up to tens of newtons.
     pub tension_n: [Option<f64>; UNITS],
     /// Setpoint in force at that sample, N.
     pub setpoint_n: [Option<f64>; UNITS],
@@ -36,10 +36,10 @@ pub struct Telemetry {
     /// Tensions in the plant, N (emulated rig).
     #[serde(default)]
     pub true_tension_n: Option<[f64; UNITS]>,
-    /// Force at the tip by the measured tensions and the cable directions of the rig file, N. Units that are switched off
-    /// count as slack. One that is faulted is at 0 V, and friction may hold its cable: it counts
-    /// with what its load cell reads. `null` without a pose, or where a unit that is not switched
-    /// off has no sample or no zero.
+    /// Force at the tip by the measured tensions and the cable directions of the rig file, N. Units
+    /// that are switched off count as slack. One that is faulted is at 0 V, and friction may hold
+    /// its cable: it counts with what its load cell reads. `null` without a pose, or where a unit
+    /// that is not switched off has no sample or no zero.
     #[serde(default)]
     pub force_n: Option<[f64; 3]>,
     /// Whether the board holds a zero of each unit; `null`: its configuration was not read yet.
@@ -48,10 +48,12 @@ pub struct Telemetry {
     /// State of each unit (`offline`, `ready`, `running`, `faulted`, ...); `null` without a status.
     #[serde(default)]
     pub unit_state: [Option<String>; UNITS],
-    /// Encoder position of each unit, counts (the lowest 32 bits), whether its load cell measures or not; `null` without a status.
+    /// Encoder position of each unit, counts (the lowest 32 bits), whether its load cell measures
+    /// or not; `null` without a status.
     #[serde(default)]
     pub encoder_counts: [Option<i32>; UNITS],
-    /// Newest code of each load cell's converter, without zero and scale; `null` without a status, 0 before the first sample.
+    /// Newest code of each load cell's converter, without zero and scale; `null` without a status,
+    /// 0 before the first sample.
     #[serde(default)]
     pub adc_code: [Option<i32>; UNITS],
     /// Latched faults, that of the board first.
@@ -63,7 +65,8 @@ pub struct Telemetry {
     /// Age of the setpoints in force, ms; `null`: none are in force.
     #[serde(default)]
     pub setpoint_age_ms: Option<u16>,
-    /// Longest time from a sample's DRDY edge to its DAC word since the last telemetry, us; `null` without samples.
+    /// Longest time from a sample's DRDY edge to its DAC word since the last telemetry, us; `null`
+    /// without samples.
     #[serde(default)]
     pub latency_us: Option<u16>,
     /// What was lost.
@@ -125,8 +128,8 @@ pub struct Gatherer {
 }
 
 impl Gatherer {
-    /// For the rig of this rig file: where its cables leave the reels, and where the tip is if it is clamped. Without a
-    /// rig file there is no force.
+    /// For the rig of this rig file: where its cables leave the reels, and where the tip is if it
+    /// is clamped. Without a rig file there is no force.
     #[must_use]
     pub fn new(rig: Option<&Rig>) -> Self {
         Self {
@@ -166,8 +169,8 @@ impl Gatherer {
         self.truth = Some(truth.clone());
     }
 
-    /// Whether the configurations of the board have to be read: they are unknown, or have changed since. Call
-    /// [`Gatherer::reading`] when they are requested.
+    /// Whether the configurations of the board have to be read: they are unknown, or have changed
+    /// since. Call [`Gatherer::reading`] when they are requested.
     #[must_use]
     pub fn wants_configs(&self, status: &Status) -> bool {
         self.configs_crc != Some(status.config_crc)
@@ -193,8 +196,8 @@ impl Gatherer {
         self.latency_us = None;
     }
 
-    /// What is known at this time of the link. `status` is the newest one of the board; `state` stands for it where there is
-    /// none. Latencies count from the last call.
+    /// What is known at this time of the link. `status` is the newest one of the board; `state`
+    /// stands for it where there is none. Latencies count from the last call.
     pub fn telemetry(&mut self, now_ns: u64, status: Option<&Status>, state: &str) -> Telemetry {
         let fresh = self.newest.map(|newest| {
             (newest.at_ns > 0 && newest.at_ns + FRESH_NS >= now_ns).then_some(newest)

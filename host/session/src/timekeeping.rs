@@ -1,4 +1,5 @@
-//! Requests for the status: which one was sent when, so that its reply is a reading of the board's clock.
+//! Requests for the status: which one was sent when, so that its reply is a reading of the board's
+//! clock.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -26,7 +27,8 @@ impl Timekeeping {
             .map(|(_, sent_ns)| sent_ns)
     }
 
-    /// Whether the reply with this number belongs to a request that was made for the clock. True once.
+    /// Whether the reply with this number belongs to a request that was made for the clock. True
+    /// once.
     pub(super) fn is_own(&mut self, seq: u16) -> bool {
         self.own.take_if(|own| *own == seq).is_some()
     }

@@ -4,7 +4,8 @@ use control::Fault;
 use rig::Rig;
 use serde_json::{json, Value};
 
-/// Parameters of the notification `welcome`. `welcome`: the service's answer to `hello`; `name`: of this page, as others see it.
+/// Parameters of the notification `welcome`. `welcome`: the service's answer to `hello`; `name`: of
+/// this page, as others see it.
 pub(crate) fn welcome(welcome: &Value, name: &str) -> Value {
     let faults: serde_json::Map<String, Value> = Fault::ALL
         .iter()
@@ -15,7 +16,8 @@ pub(crate) fn welcome(welcome: &Value, name: &str) -> Value {
         .collect();
     let text = welcome["rig_text"].as_str().unwrap_or_default();
     let file = welcome["rig_file"].as_str().unwrap_or_default();
-    // The service has read this file before: without it the page has no picture, and everything else.
+    // The service has read this file before: without it the page has no picture, and everything
+    // else.
     let rig = Rig::parse(file, text).ok().map(|rig| {
         let units: Vec<Value> = rig
             .units

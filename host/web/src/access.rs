@@ -70,8 +70,8 @@ fn own_name() -> String {
     name.nodename().to_string_lossy().into_owned()
 }
 
-/// Whether a `Host` can only mean this computer: an address in figures, `localhost`, or its own name. A name that somebody else
-/// lets point here could be any other.
+/// Whether a `Host` can only mean this computer: an address in figures, `localhost`, or its own
+/// name. A name that somebody else lets point here could be any other.
 pub(crate) fn host_is_ours(host: &str) -> bool {
     let name = match host.rsplit_once(':') {
         Some((name, port)) if port.bytes().all(|b| b.is_ascii_digit()) && !port.is_empty() => name,

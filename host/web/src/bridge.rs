@@ -22,8 +22,8 @@ use tokio::time::{interval, timeout, Instant, MissedTickBehavior};
 pub(crate) const PICTURES_PER_S: u32 = 30;
 /// A browser answers a ping by itself, also where its page is busy.
 const PING: Duration = Duration::from_millis(500);
-/// Without anything from the browser for so long the page is gone: a phone out of reach, a computer that sleeps. A commander's rig
-/// is disarmed then.
+/// Without anything from the browser for so long the page is gone: a phone out of reach, a computer
+/// that sleeps. A commander's rig is disarmed then.
 const SILENT: Duration = Duration::from_secs(2);
 /// How long the service may take to say hello.
 const HELLO: Duration = Duration::from_secs(2);
@@ -52,7 +52,8 @@ pub(crate) async fn serve(page: WebSocket, from: SocketAddr, socket: &Path, tool
         let now_ms = u64::try_from(began.elapsed().as_millis()).unwrap_or(u64::MAX);
         heard_ms.store(now_ms, Ordering::Relaxed);
     };
-    // The first that ends ends all: the connection to the service closes, and a commander's rig is disarmed.
+    // The first that ends ends all: the connection to the service closes, and a commander's rig is
+    // disarmed.
     tokio::select! {
         () = read_service(lines, &answers, &newest) => {}
         () = read_page(from_page, to_service, &answers, tools, &heard) => {}

@@ -5,10 +5,12 @@
 //!     └────── WebSocket: JSON-RPC ─────┴── bridge ── the service's Unix socket ── hub
 //! ```
 //!
-//! Each page is a client of the service like any other, over a connection of its own: who may command, what happens when the
-//! commander goes away, and a stop from everyone follow from there. A message of the WebSocket is a line of the service's protocol
-//! (docs/service.md). What the bridge adds: it says hello, keeps telemetry to `bridge::PICTURES_PER_S` pictures a second, drops
-//! pictures for a slow browser, notices a browser that is gone, and starts `forcectl zero` and `forcectl record`.
+//! Each page is a client of the service like any other, over a connection of its own: who may
+//! command, what happens when the commander goes away, and a stop from everyone follow from there.
+//! A message of the WebSocket is a line of the service's protocol (docs/service.md). What the
+//! bridge adds: it says hello, keeps telemetry to `bridge::PICTURES_PER_S` pictures a second, drops
+//! pictures for a slow browser, notices a browser that is gone, and starts `forcectl zero` and
+//! `forcectl record`.
 //!
 //! | question | file |
 //! | --- | --- |
@@ -104,7 +106,8 @@ pub fn start(options: WebOptions) -> io::Result<String> {
     Ok(link)
 }
 
-/// Refuses what comes for another host's page (DNS rebinding), and tells the browser to keep to itself.
+/// Refuses what comes for another host's page (DNS rebinding), and tells the browser to keep to
+/// itself.
 async fn guard(request: Request, next: Next) -> Response {
     let host = request.headers().get(header::HOST);
     if !host.is_some_and(|host| host.to_str().is_ok_and(access::host_is_ours)) {

@@ -1,5 +1,5 @@
-//! What other commands do for a page: `forcectl zero`, and `forcectl record` until it is ended. They are clients of the same
-//! service.
+//! What other commands do for a page: `forcectl zero`, and `forcectl record` until it is ended.
+//! They are clients of the same service.
 
 use rustix::process::{kill_process, Pid, Signal};
 use serde_json::{json, Value};

@@ -1,4 +1,5 @@
-//! The page in a real browser: Chromium without a screen, driven by chromedriver. Skipped where chromedriver is not installed.
+//! The page in a real browser: Chromium without a screen, driven by chromedriver. Skipped where
+//! chromedriver is not installed.
 //!
 //! With `FORCE_WEB_PICTURES=FOLDER` it leaves pictures of the page there, to be looked at.
 #![cfg(unix)]

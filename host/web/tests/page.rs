@@ -1,4 +1,5 @@
-//! The page's side of the WebSocket, without a browser: who may open it, what it gets, what happens when it goes away.
+//! The page's side of the WebSocket, without a browser: who may open it, what it gets, what happens
+//! when it goes away.
 #![cfg(unix)]
 
 mod common;

@@ -116,8 +116,8 @@ impl Machine {
 
 impl Drop for Machine {
     fn drop(&mut self) {
-        // A Renode that was only attached to stays. One of our own ends itself when the connection does: its
-        // starter is a shell script, and killing that would leave Renode behind.
+        // A Renode that was only attached to stays. One of our own ends itself when the connection
+        // does: its starter is a shell script, and killing that would leave Renode behind.
         let _ = writeln!(self.to, "quit");
         let _ = self.to.shutdown(Shutdown::Both);
         if let Some(child) = &mut self.child {

@@ -1,9 +1,9 @@
 //! `renode-rig`: the board in Renode, behind the same pipe as the embedded rig.
 //!
-//! It takes the arguments of the embedded rig's program (`--elf`, `--seed`, `--plant`), speaks `emulator-link` on
-//! standard input and output, and moves a Renode of its own through the model `RigServer` (renode/models). So
-//! whatever drives the embedded rig, `forcectl` with its real controller first, drives Renode unchanged: name
-//! this program in `FORCE_RIG_BIN`.
+//! It takes the arguments of the embedded rig's program (`--elf`, `--seed`, `--plant`), speaks
+//! `emulator-link` on standard input and output, and moves a Renode of its own through the model
+//! `RigServer` (renode/models). So whatever drives the embedded rig, `forcectl` with its real
+//! controller first, drives Renode unchanged: name this program in `FORCE_RIG_BIN`.
 //!
 //! | variable | meaning |
 //! | --- | --- |

@@ -1,4 +1,5 @@
-//! The lines that `RigServer` and this program exchange: requests of the link as text, answers back.
+//! The lines that `RigServer` and this program exchange: requests of the link as text, answers
+//! back.
 //!
 //! Layouts are those of `renode/models/RigServer.cs`; the two change together.
 

@@ -1,5 +1,5 @@
-//! The platform description wires what docs/wiring.md lists: a pin moved in one and not in the other is found here,
-//! and not as a suite that fails for no visible reason.
+//! The platform description wires what docs/wiring.md lists: a pin moved in one and not in the
+//! other is found here, and not as a suite that fails for no visible reason.
 
 use std::collections::HashMap;
 use std::path::Path;

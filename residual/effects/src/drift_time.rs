@@ -44,8 +44,8 @@ impl Effect for DriftTime {
             "the {name} grows or falls with time in one line: what depends on it looks the same"
         ))
     }
-    /// Something that begins at one time of each run: an offset, an error of gain, a friction. What it
-    /// has of a mean looks like a drift.
+    /// Something that begins at one time of each run: an offset, an error of gain, a friction. What
+    /// it has of a mean looks like a drift.
     fn must_surpass(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<Variant> {
         if form.label != SINCE_THE_START {
             return vec![];

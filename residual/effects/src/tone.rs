@@ -113,7 +113,8 @@ impl<'a> Others<'a> {
     fn has(&mut self, f: f64) -> bool {
         // At constant speed a ripple is a sine in time. Of a whole order it is the likelier cause.
         self.steady.as_ref().is_some_and(|turn| turn.has(f))
-            // At a frequency at which the rig itself is driven, a tone cannot be told from an answer.
+            // At a frequency at which the rig itself is driven, a tone cannot be told from an
+            // answer.
             || spectrum::share(self.ctx.problem, self.time, &self.inputs, f) >= 0.1
             // Neither at a harmonic of a motion that repeats, however small it is there.
             || {
@@ -126,8 +127,8 @@ impl<'a> Others<'a> {
     }
 }
 
-/// Lines of the residual that are not looked for as tones, as an input has them too: frequency in Hz
-/// and share of the squared residual within the runs, the largest first. Those with a share of
+/// Lines of the residual that are not looked for as tones, as an input has them too: frequency in
+/// Hz and share of the squared residual within the runs, the largest first. Those with a share of
 /// `least` or more.
 pub fn lines_of_inputs(ctx: &Context, least: f64) -> Vec<(f64, f64)> {
     let time = ctx.values("time");
@@ -165,8 +166,8 @@ fn lowest(ctx: &Context, highest: f64) -> f64 {
     (5.0 / ctx.span).min(0.2 * highest)
 }
 
-/// The highest frequency that the rows can carry. That of the values where rows repeat them: above half
-/// of their rate a held tone has images, which are none.
+/// The highest frequency that the rows can carry. That of the values where rows repeat them: above
+/// half of their rate a held tone has images, which are none.
 fn highest(ctx: &Context, time: &[f64]) -> f64 {
     let of_values = ctx.problem.values_per_s.map_or(f64::INFINITY, |r| 0.5 * r);
     spectrum::highest_frequency(ctx.problem, time, 0.5).min(of_values)

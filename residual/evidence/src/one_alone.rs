@@ -99,8 +99,8 @@ pub(crate) fn mean_of_others(own: &[Own], index: usize) -> f64 {
     others.map(|(_, o)| o.size).sum::<f64>() / (own.len() - 1) as f64
 }
 
-/// The sequence that is farthest from the others beside their scatter: its index, the p value of its
-/// distance, and the squared error that it explains. `None` where they do not scatter at all.
+/// The sequence that is farthest from the others beside their scatter: its index, the p value of
+/// its distance, and the squared error that it explains. `None` where they do not scatter at all.
 pub(crate) fn stands_out(own: &[Own]) -> Option<(usize, f64, f64)> {
     let n = (own.len() - 1) as f64;
     let of = |index: usize| {

@@ -326,8 +326,8 @@ mod tests {
         (0..BLOCKS).map(|k| k % FOLDS).collect()
     }
 
-    /// The last column is nearly the sum of the first two, which the target is: alone it is the best,
-    /// and beside it neither of them is worth as much as both are.
+    /// The last column is nearly the sum of the first two, which the target is: alone it is the
+    /// best, and beside it neither of them is worth as much as both are.
     #[test]
     fn the_best_first_choice_keeps_no_better_pair_out() {
         let mut rng = Rng::new(3);

@@ -4,8 +4,8 @@ use crate::{analyse, hash, Folder, MODEL};
 use residual::{EffectKind, Report};
 use std::f64::consts::TAU;
 
-/// Logs of 40 s with 200 rows/s, of a target that is measured `per_s` times a second; dry friction of
-/// 0.3 N, a hum of 50 Hz, noise of 0.03 N.
+/// Logs of 40 s with 200 rows/s, of a target that is measured `per_s` times a second; dry friction
+/// of 0.3 N, a hum of 50 Hz, noise of 0.03 N.
 fn held(per_s: f64) -> Report {
     let folder = Folder::new();
     for run in 0..3u64 {

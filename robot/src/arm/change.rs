@@ -1,7 +1,8 @@
 //! What changes on a real arm between trials and within one, and not on an arm of fixed parameters.
 //!
-//! An estimator that was trained yesterday meets another robot today: gears are cold, amplifiers have other zeros, a tool's cable pulls.
-//! Everything is zero by default: the arm of the parameters alone. docs/robot.md has sizes and where they come from.
+//! An estimator that was trained yesterday meets another robot today: gears are cold, amplifiers
+//! have other zeros, a tool's cable pulls. Everything is zero by default: the arm of the parameters
+//! alone. docs/robot.md has sizes and where they come from.
 
 use crate::random::Random;
 use serde::{Deserialize, Serialize};
@@ -15,7 +16,8 @@ pub struct ChangeConfig {
     pub warm_up: f64,
     /// Time constant of the warming, s.
     pub warm_up_s: f64,
-    /// Coulomb friction of all contacts above that of the parameters, share of it; negative where it has fallen.
+    /// Coulomb friction of all contacts above that of the parameters, share of it; negative where
+    /// it has fallen.
     pub friction: f64,
     /// Torque per current: standard deviation over trials, share.
     pub gain_sd: f64,
@@ -44,7 +46,8 @@ impl Default for ChangeConfig {
     }
 }
 
-/// Period of the drag of a tool's cable, s. Estimate: the tool's orientation changes a few times in an operation's step.
+/// Period of the drag of a tool's cable, s. Estimate: the tool's orientation changes a few times in
+/// an operation's step.
 const DRAG_S: f64 = 300.0;
 
 impl ChangeConfig {

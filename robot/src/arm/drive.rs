@@ -1,9 +1,10 @@
 //! The drives of the first three joints: motors, cables, friction, in the joints' coordinates.
 //!
-//! A motor's angle divided by its transmission is its travel in the joint's unit, `phi`. The cable between it and the link
-//! stretches by `s = phi - (C q)`, with the coupling C of the later motors; its force is `k s + d s'`, which pulls the motor
-//! back and acts on the joints with the transpose of C. (The published cable law `ke (e^s - e^-s)` with s in m is linear to
-//! 1e-6 at these stretches.)
+//! A motor's angle divided by its transmission is its travel in the joint's unit, `phi`. The cable
+//! between it and the link stretches by `s = phi - (C q)`, with the coupling C of the later motors;
+//! its force is `k s + d s'`, which pulls the motor back and acts on the joints with the transpose
+//! of C. (The published cable law `ke (e^s - e^-s)` with s in m is linear to 1e-6 at these
+//! stretches.)
 
 use super::change::Change;
 use super::parameters::Parameters;
@@ -54,7 +55,8 @@ impl Contact {
         self.slip.force_n() + damping * v
     }
 
-    /// Moves the contact by `travel` at velocity `v`; its Coulomb level is `scale` times its own and `more`.
+    /// Moves the contact by `travel` at velocity `v`; its Coulomb level is `scale` times its own
+    /// and `more`.
     #[inline]
     pub fn slide(&mut self, travel: f64, v: f64, more: f64, scale: f64) {
         let ratio = v / self.stribeck;
@@ -138,8 +140,8 @@ impl Drives {
         }
     }
 
-    /// Moves the motors on by `h` with `torque` at the joints' units; returns the cables' forces on the joints. `friction`: Coulomb
-    /// friction of all contacts per that of the parameters.
+    /// Moves the motors on by `h` with `torque` at the joints' units; returns the cables' forces on
+    /// the joints. `friction`: Coulomb friction of all contacts per that of the parameters.
     #[inline]
     pub fn step(
         &mut self,

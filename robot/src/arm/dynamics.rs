@@ -1,8 +1,10 @@
-//! Rigid-body dynamics of the first three joints: inertia, gravity, velocity terms, and what the tip does to the joints.
+//! Rigid-body dynamics of the first three joints: inertia, gravity, velocity terms, and what the
+//! tip does to the joints.
 //!
-//! The links are point masses at the published centres of mass plus a constant inertia of each joint, chosen so that the
-//! diagonal at home is the published one (M11 0.216, M22 0.100 kg·m², M33 0.407 kg; raven2_sim). So the velocity terms are
-//! exact for this body, and energy is conserved. The tool is straight: roll, wrist and jaws stand at zero.
+//! The links are point masses at the published centres of mass plus a constant inertia of each
+//! joint, chosen so that the diagonal at home is the published one (M11 0.216, M22 0.100 kg·m², M33
+//! 0.407 kg; raven2_sim). So the velocity terms are exact for this body, and energy is conserved.
+//! The tool is straight: roll, wrist and jaws stand at zero.
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -1,4 +1,5 @@
-//! The virtual Raven-II left arm: the first three joints with motors, cables, friction, gravity and the arm's own software.
+//! The virtual Raven-II left arm: the first three joints with motors, cables, friction, gravity and
+//! the arm's own software.
 //!
 //! ```text
 //! trajectory ─▶ software (1 kHz PD, integer codes) ─▶ motor ─ friction ─ cable ─▶ link ─ friction, gravity ─▶ tip ◀─ force
@@ -6,13 +7,15 @@
 //!                    └─▶ ravenstate ─▶ RobotState
 //! ```
 //!
-//! What the arm publishes ([`VirtualArm::message`], [`VirtualArm::state`]) carries the contact force as a real arm's does: in
-//! torque commands and small position errors, under the quantisation of codes and encoders, with a dead zone wherever a
-//! joint stands or turns round. What it truly does is in [`Truth`], a separate type that needs the feature `arm`; an
-//! estimator is built without that feature.
+//! What the arm publishes ([`VirtualArm::message`], [`VirtualArm::state`]) carries the contact
+//! force as a real arm's does: in torque commands and small position errors, under the quantisation
+//! of codes and encoders, with a dead zone wherever a joint stands or turns round. What it truly
+//! does is in [`Truth`], a separate type that needs the feature `arm`; an estimator is built
+//! without that feature.
 //!
-//! The arm is a [`plant::TipModel`]: in the plant the cables' forces move its tip, and its tip moves the cables. Its
-//! parameters are drawn from the seed ([`parameters`]): every seed is another Raven.
+//! The arm is a [`plant::TipModel`]: in the plant the cables' forces move its tip, and its tip
+//! moves the cables. Its parameters are drawn from the seed ([`parameters`]): every seed is another
+//! Raven.
 
 mod change;
 mod drive;
@@ -38,8 +41,8 @@ use serde::{Deserialize, Serialize};
 use software::Software;
 use std::f64::consts::TAU;
 
-/// Steps after which inertia, gravity and Jacobian are computed again: 0.2 ms on the plant's grid, in which a joint moves
-/// by 1e-5 rad.
+/// Steps after which inertia, gravity and Jacobian are computed again: 0.2 ms on the plant's grid,
+/// in which a joint moves by 1e-5 rad.
 const REFRESH_STEPS: u32 = 4;
 
 /// What a virtual arm is made of, apart from its seed.
@@ -52,7 +55,8 @@ pub struct ArmConfig {
     pub start: [f64; 3],
     /// Width of the parameters' scatter: 1 the documented ranges, 0 the nominal arm.
     pub scatter: f64,
-    /// Point mass at the tip that the arm's own gravity model does not know, kg: another tool, or something held.
+    /// Point mass at the tip that the arm's own gravity model does not know, kg: another tool, or
+    /// something held.
     #[serde(skip_serializing_if = "is_zero")]
     // A file without it has the hash that it always had.
     pub payload_kg: f64,
@@ -271,7 +275,8 @@ impl VirtualArm {
         Ok(arm)
     }
 
-    /// Follows `trajectory` from its start. The arm should be near its first position; set points jump otherwise.
+    /// Follows `trajectory` from its start. The arm should be near its first position; set points
+    /// jump otherwise.
     pub fn follow(&mut self, trajectory: Trajectory) {
         self.trajectory = trajectory;
         self.path_time_s = 0.0;
@@ -427,7 +432,8 @@ impl VirtualArm {
         self.state_of(self.software.message())
     }
 
-    /// Position of the tip as the arm reports it, in the rig's frame, m: from encoders, not the truth.
+    /// Position of the tip as the arm reports it, in the rig's frame, m: from encoders, not the
+    /// truth.
     #[must_use]
     pub fn reported_tip_m(&self) -> [f64; 3] {
         let message = self.software.message();
@@ -467,8 +473,8 @@ impl VirtualArm {
         }
     }
 
-    /// Velocity of the tip per velocity of joint `joint` (from 0), rig's frame: the direction in which a force acts on that
-    /// joint, and its lever.
+    /// Velocity of the tip per velocity of joint `joint` (from 0), rig's frame: the direction in
+    /// which a force acts on that joint, and its lever.
     ///
     /// # Panics
     /// No such joint.

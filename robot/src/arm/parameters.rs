@@ -1,7 +1,8 @@
 //! Figures of the virtual arm: published values, their ranges, and the draw of one arm from a seed.
 //!
-//! Published figures of the Raven-II's friction differ by up to ten times, so no arm here has the published values: each
-//! seed is another Raven, drawn from the ranges below. docs/robot.md lists them with their sources.
+//! Published figures of the Raven-II's friction differ by up to ten times, so no arm here has the
+//! published values: each seed is another Raven, drawn from the ranges below. docs/robot.md lists
+//! them with their sources.
 
 use crate::random::Random;
 use serde::Serialize;
@@ -21,8 +22,8 @@ const fn range(low: f64, nominal: f64, high: f64) -> Range {
     Range { low, nominal, high }
 }
 
-/// A half to four times: the simulation's hand-tuned friction (raven2_sim, two_arm_dyn.cpp) and the standstill at 1,000 DAC
-/// codes (raven2, defines.h) are that far apart.
+/// A half to four times: the simulation's hand-tuned friction (raven2_sim, two_arm_dyn.cpp) and the
+/// standstill at 1,000 DAC codes (raven2, defines.h) are that far apart.
 const fn friction(nominal: f64) -> Range {
     range(0.5 * nominal, nominal, 4.0 * nominal)
 }
@@ -31,7 +32,8 @@ const fn friction(nominal: f64) -> Range {
 pub const LINK_COULOMB: [Range; 3] = [friction(0.505), friction(0.49), friction(0.53)];
 /// Coulomb friction of motor and gearhead at the gearhead's output, N·m (raven2_sim).
 pub const MOTOR_COULOMB: [Range; 3] = [friction(0.041), friction(0.072), friction(0.051)];
-/// Viscous friction of the links: N·m·s/rad, N·m·s/rad, N·s/m (raven2_sim); of little effect at these speeds.
+/// Viscous friction of the links: N·m·s/rad, N·m·s/rad, N·s/m (raven2_sim); of little effect at
+/// these speeds.
 pub const LINK_VISCOUS: [Range; 3] = [
     range(0.0025, 0.005, 0.5),
     range(0.00125, 0.0025, 0.5),
@@ -45,38 +47,46 @@ pub const MOTOR_VISCOUS: [Range; 3] = [
 ];
 /// Breakaway per Coulomb friction. Estimate: 1.02 to 1.4 covers greased gears and dry cable guides.
 pub const BREAKAWAY: Range = range(1.02, 1.15, 1.4);
-/// Speed at which the excess of breakaway has faded to a quarter: rad/s, rad/s, m/s of the joint. Estimate.
+/// Speed at which the excess of breakaway has faded to a quarter: rad/s, rad/s, m/s of the joint.
+/// Estimate.
 pub const STRIBECK: [Range; 3] = [
     range(0.002, 0.005, 0.015),
     range(0.002, 0.005, 0.015),
     range(2e-4, 5e-4, 1.5e-3),
 ];
-/// Travel until a sticking contact slides: rad, rad, m of the joint. Estimate: backlash-free gear and belts of cable.
+/// Travel until a sticking contact slides: rad, rad, m of the joint. Estimate: backlash-free gear
+/// and belts of cable.
 pub const PRESLIDING: [Range; 3] = [
     range(2e-4, 5e-4, 1.5e-3),
     range(2e-4, 5e-4, 1.5e-3),
     range(3e-5, 8e-5, 2.5e-4),
 ];
-/// Growth of the motors' Coulomb friction with the force that the cable passes on, per force. Estimate from cable-pulley
-/// friction, which grows with tension, wrap and number of pulleys and not with speed (Miyasaka).
+/// Growth of the motors' Coulomb friction with the force that the cable passes on, per force.
+/// Estimate from cable-pulley friction, which grows with tension, wrap and number of pulleys and
+/// not with speed (Miyasaka).
 pub const LOAD_SHARE: [Range; 3] = [
     range(0.01, 0.04, 0.12),
     range(0.01, 0.04, 0.12),
     range(0.01, 0.05, 0.15),
 ];
-/// Friction of the tool's shaft in its guide per lateral force at the tip, acts on the insertion. Estimate.
+/// Friction of the tool's shaft in its guide per lateral force at the tip, acts on the insertion.
+/// Estimate.
 pub const GUIDE_FRICTION: Range = range(0.05, 0.12, 0.3);
-/// Stiffness of the cables at the joints: N·m/rad, N·m/rad, N/m (raven2_sim; the elbow's is published as 0.56 to 1.7 k).
+/// Stiffness of the cables at the joints: N·m/rad, N·m/rad, N/m (raven2_sim; the elbow's is
+/// published as 0.56 to 1.7 k).
 pub const CABLE_STIFFNESS: [Range; 3] = [
     range(2_800.0, 5_700.0, 11_000.0),
     range(560.0, 1_000.0, 1_700.0),
     range(9_000.0, 18_500.0, 37_000.0),
 ];
-/// Damping of the cables, ratio to critical with the link. Estimate; the simulation's figures are of this order.
+/// Damping of the cables, ratio to critical with the link. Estimate; the simulation's figures are
+/// of this order.
 pub const CABLE_DAMPING: Range = range(0.03, 0.08, 0.2);
-/// Rotor inertia of the RE40 with its part of the gearhead, kg·m² (maxon catalogue: 1.4e-5 for the rotor).
+/// Rotor inertia of the RE40 with its part of the gearhead, kg·m² (maxon catalogue: 1.4e-5 for the
+/// rotor).
 pub const ROTOR_INERTIA: Range = range(1.3e-5, 1.45e-5, 1.7e-5);
-/// Masses per those of the gravity model (two published sets differ by up to 2 % for links 1 and 2, by 76 % for link 3).
+/// Masses per those of the gravity model (two published sets differ by up to 2 % for links 1 and 2,
+/// by 76 % for link 3).
 pub const MASS: [Range; 3] = [
     range(0.95, 1.0, 1.05),
     range(0.95, 1.0, 1.05),
@@ -86,11 +96,13 @@ pub const MASS: [Range; 3] = [
 pub const TORQUE_GAIN: Range = range(0.96, 1.0, 1.04);
 /// Standard deviation of the amplifiers' zero, A. Estimate: 0.1 % of the 12 A range.
 pub const CURRENT_OFFSET_SD_A: f64 = 0.012;
-/// Standard deviation of the joints' zero after homing: rad, rad, m. From joint errors of 0.43 and 0.5 degrees and 0.5 mm
-/// before correction (Peng, arXiv 2408.01604), of which stretch has its part.
+/// Standard deviation of the joints' zero after homing: rad, rad, m. From joint errors of 0.43 and
+/// 0.5 degrees and 0.5 mm before correction (Peng, arXiv 2408.01604), of which stretch has its
+/// part.
 pub const HOMING_SD: [f64; 3] = [0.0035, 0.0035, 2e-4];
 
-/// The ranges as a table in Markdown, for docs/robot.md: what it is, joint, unit, smallest, nominal, largest.
+/// The ranges as a table in Markdown, for docs/robot.md: what it is, joint, unit, smallest,
+/// nominal, largest.
 #[must_use]
 pub fn table() -> String {
     use std::fmt::Write as _;

@@ -1,7 +1,9 @@
-//! The Raven's software on the virtual arm: encoders, PD at 1 kHz, integer DAC codes, and the `ravenstate` that it publishes.
+//! The Raven's software on the virtual arm: encoders, PD at 1 kHz, integer DAC codes, and the
+//! `ravenstate` that it publishes.
 //!
-//! Source: uw-biorobotics/raven2 @d2307c5 (pid_control.cpp, r2params.yaml, grav_comp.cpp, local_io.cpp). The set point of the
-//! velocity is always 0, the velocity the first difference of the encoder, the gravity model that of the nominal masses.
+//! Source: uw-biorobotics/raven2 @d2307c5 (pid_control.cpp, r2params.yaml, grav_comp.cpp,
+//! local_io.cpp). The set point of the velocity is always 0, the velocity the first difference of
+//! the encoder, the gravity model that of the nominal masses.
 
 use super::dynamics::{Body, MASS_KG};
 use crate::kinematics::{forward, joints_from_motors, motors_from_joints, TRANSMISSION};

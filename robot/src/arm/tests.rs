@@ -196,7 +196,8 @@ fn what_is_published_is_whole_counts_and_codes_and_carries_no_truth() {
     state.check().unwrap();
     assert!(state.force.is_none());
     assert_eq!(state.stamp.clock, Clock::Virtual);
-    // The published joints are the encoders', with stretch and homing error; they are not the links'.
+    // The published joints are the encoders', with stretch and homing error; they are not the
+    // links'.
     let joints = state.joints.unwrap();
     for i in 0..3 {
         assert!((joints.position[i] - arm.q[i]).abs() > 1e-7);

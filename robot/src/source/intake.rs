@@ -117,8 +117,8 @@ impl Intake {
         }
     }
 
-    /// A force as we publish it: name of the frame, force and torque *on the tool*. The frame is that of the robot's poses, by
-    /// the name that the robot gives it: tf knows that one.
+    /// A force as we publish it: name of the frame, force and torque *on the tool*. The frame is
+    /// that of the robot's poses, by the name that the robot gives it: tf knows that one.
     pub fn wrench(&self, force: &TipForce) -> (String, Pair) {
         let force = (self.mount).force_from_rig(&force.acting(Acts::OnTool), self.frame.clone());
         let wrench = Pair {
@@ -132,7 +132,8 @@ impl Intake {
         (frame_id, wrench)
     }
 
-    /// The half widths of an estimate, in the place of a force, in the frame in which we publish it.
+    /// The half widths of an estimate, in the place of a force, in the frame in which we publish
+    /// it.
     pub fn half_width(&self, estimate: &Estimate) -> Option<(String, Pair)> {
         let half_n = estimate.half_n?;
         let as_force = TipForce {

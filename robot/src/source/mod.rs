@@ -10,8 +10,9 @@
 //!
 //! `geometry.rs` and `intake.rs` are what both ROS sources have in common.
 //!
-//! Every source passes its states through a [`Watch`]: what comes out of [`Source::poll`] can be used, and what is not in
-//! order comes out as an [`Event`]. A caller that gets an event that [`Event::stops`] brings the rig to its safe state.
+//! Every source passes its states through a [`Watch`]: what comes out of [`Source::poll`] can be
+//! used, and what is not in order comes out as an [`Event`]. A caller that gets an event that
+//! [`Event::stops`] brings the rig to its safe state.
 //!
 //! ```toml
 //! [robot]
@@ -55,7 +56,8 @@ pub struct Poll {
     pub events: Vec<Event>,
     /// Forces that the robot's side asks for (CRTK `servo_cf`), in order.
     pub requests: Vec<TipForce>,
-    /// What the robot's side commands the rig (CRTK `state_command`): `disable`, `pause` and others, in order.
+    /// What the robot's side commands the rig (CRTK `state_command`): `disable`, `pause` and
+    /// others, in order.
     pub commands: Vec<String>,
     /// How often a part of a state was left out for a flaw, by part; the state was used without it.
     pub left_out: BTreeMap<&'static str, u64>,
@@ -93,14 +95,15 @@ pub trait Source: Send {
     /// Name in messages.
     fn name(&self) -> String;
 
-    /// What came by `now_ns` of the caller's clock (the one that counts for ages: the host's monotonic clock, or virtual time).
+    /// What came by `now_ns` of the caller's clock (the one that counts for ages: the host's
+    /// monotonic clock, or virtual time).
     ///
     /// # Errors
     /// The source is gone and stays so.
     fn poll(&mut self, now_ns: i64) -> Result<Poll, SourceError>;
 
-    /// Tells the robot's side the force that the rig applies and the one that it aims at (CRTK `measured_cf`, `setpoint_cf`).
-    /// Sources without a way back do nothing.
+    /// Tells the robot's side the force that the rig applies and the one that it aims at (CRTK
+    /// `measured_cf`, `setpoint_cf`). Sources without a way back do nothing.
     ///
     /// # Errors
     /// The source is gone and stays so.
@@ -109,8 +112,8 @@ pub trait Source: Send {
         Ok(())
     }
 
-    /// Tells the robot's side in which state the rig is (CRTK `operating_state`), when it changes. Who joins late is told too.
-    /// Sources without a way back do nothing.
+    /// Tells the robot's side in which state the rig is (CRTK `operating_state`), when it changes.
+    /// Who joins late is told too. Sources without a way back do nothing.
     ///
     /// # Errors
     /// The source is gone and stays so.
@@ -119,8 +122,9 @@ pub trait Source: Send {
         Ok(())
     }
 
-    /// Tells the robot's side a contact force that a model estimates: `measured_cf_estimated` beside CRTK's `measured_cf`, and its
-    /// interval as `measured_cf_estimated_half_width`, since a wrench has no place for it. Sources without a way back do nothing.
+    /// Tells the robot's side a contact force that a model estimates: `measured_cf_estimated`
+    /// beside CRTK's `measured_cf`, and its interval as `measured_cf_estimated_half_width`, since a
+    /// wrench has no place for it. Sources without a way back do nothing.
     ///
     /// # Errors
     /// The source is gone and stays so.
@@ -135,14 +139,16 @@ pub trait Source: Send {
 pub struct Estimate {
     /// Force.
     pub force: TipForce,
-    /// Half width of the 90 % interval in each component of the force, N: 0 where it is not estimated, the same in all where the
-    /// interval is a ball. `None`: the model has no intervals.
+    /// Half width of the 90 % interval in each component of the force, N: 0 where it is not
+    /// estimated, the same in all where the interval is a ball. `None`: the model has no intervals.
     pub half_n: Option<[f64; 3]>,
-    /// Stamp of the state from which it is estimated: the instant that it is about, not that of its computation.
+    /// Stamp of the state from which it is estimated: the instant that it is about, not that of its
+    /// computation.
     pub stamp: Stamp,
 }
 
-/// A stamp as a time since 1970. CRTK marks data with a stamp of 0 as invalid: a time before that is one.
+/// A stamp as a time since 1970. CRTK marks data with a stamp of 0 as invalid: a time before that
+/// is one.
 #[cfg(any(feature = "ros1", feature = "ros2"))]
 fn since_1970(t_ns: i64) -> std::time::Duration {
     std::time::Duration::from_nanos(u64::try_from(t_ns).unwrap_or(0))
@@ -223,7 +229,8 @@ pub enum SourceConfig {
 }
 
 impl SourceConfig {
-    /// Name of the robot, where `[robot]` has one. What its models are for is told by this name and never by an address.
+    /// Name of the robot, where `[robot]` has one. What its models are for is told by this name and
+    /// never by an address.
     #[must_use]
     pub fn robot(&self) -> Option<&str> {
         let name = match self {
@@ -256,11 +263,13 @@ pub struct Ros1Config {
     /// Name of the robot: see [`SourceConfig::robot`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// URI of the master; `None`: the environment variable ROS_MASTER_URI, else `http://localhost:11311`.
+    /// URI of the master; `None`: the environment variable ROS_MASTER_URI, else
+    /// `http://localhost:11311`.
     pub master: Option<String>,
     /// Name of our node.
     pub node: String,
-    /// Namespace of the robot's `measured_js` (a Raven's gold arm: `/arm2`, see [`crate::crtk::raven_topics`]).
+    /// Namespace of the robot's `measured_js` (a Raven's gold arm: `/arm2`, see
+    /// [`crate::crtk::raven_topics`]).
     pub namespace: String,
     /// Namespace of its `measured_cp`, where that is another one.
     pub cp_namespace: Option<String>,
@@ -268,12 +277,14 @@ pub struct Ros1Config {
     pub cp_is_transform: Option<bool>,
     /// Names of the robot's topics, where they are not the usual ones.
     pub topics: TopicNames,
-    /// Topic of the Raven's own message, for example `/ravenstate`; states come from it in place of the CRTK topics.
+    /// Topic of the Raven's own message, for example `/ravenstate`; states come from it in place of
+    /// the CRTK topics.
     pub ravenstate: Option<String>,
     /// Slot of gold in it, 0 or 1.
     pub ravenstate_slot: u8,
-    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`; `operating_state` and `state_command`
-    /// are one above, where it ends with `spatial`, `body` or `local`.
+    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`;
+    /// `operating_state` and `state_command` are one above, where it ends with `spatial`, `body` or
+    /// `local`.
     pub publish: String,
     /// What the messages don't say.
     pub adapter: AdapterConfig,
@@ -322,8 +333,9 @@ pub struct Ros2Config {
     pub cp_is_transform: Option<bool>,
     /// Names of the robot's topics, where they are not the usual ones.
     pub topics: TopicNames,
-    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`; `operating_state` and `state_command`
-    /// are one above, where it ends with `spatial`, `body` or `local`.
+    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`;
+    /// `operating_state` and `state_command` are one above, where it ends with `spatial`, `body` or
+    /// `local`.
     pub publish: String,
     /// What the messages don't say.
     pub adapter: AdapterConfig,
@@ -465,7 +477,8 @@ fn open_ros1(_: &Ros1Config) -> Result<Box<dyn Source>, SourceError> {
     })
 }
 
-/// When a message came that a thread of a source took at `came`: on the caller's clock, which showed `now_ns` at `polled`.
+/// When a message came that a thread of a source took at `came`: on the caller's clock, which
+/// showed `now_ns` at `polled`.
 fn arrival(now_ns: i64, polled: std::time::Instant, came: std::time::Instant) -> Stamp {
     let ago = polled.saturating_duration_since(came).as_nanos();
     Stamp {
@@ -474,7 +487,8 @@ fn arrival(now_ns: i64, polled: std::time::Instant, came: std::time::Instant) ->
     }
 }
 
-/// Puts what a source received through its watch: good states in the rig's frame, events for the rest.
+/// Puts what a source received through its watch: good states in the rig's frame, events for the
+/// rest.
 fn sift(
     received: Vec<Result<RobotState, StateError>>,
     watch: &mut Watch,
@@ -519,8 +533,8 @@ fn sift(
     poll
 }
 
-/// A force in the rig's frame. One in the tool's turns with the tip, which is in the rig's frame already; without an orientation
-/// nobody knows its direction.
+/// A force in the rig's frame. One in the tool's turns with the tip, which is in the rig's frame
+/// already; without an orientation nobody knows its direction.
 fn force_in_rig(force: &TipForce, tip: Option<&TipState>, mount: &Mount) -> Option<TipForce> {
     if force.frame != Frame::Tool {
         return Some(mount.force_in_rig(force));
@@ -532,7 +546,8 @@ fn force_in_rig(force: &TipForce, tip: Option<&TipState>, mount: &Mount) -> Opti
     Some(turned.force_in_rig(force))
 }
 
-/// A tip in the rig's frame. One of frame 0 goes through the CRTK frame, on which the mount is defined.
+/// A tip in the rig's frame. One of frame 0 goes through the CRTK frame, on which the mount is
+/// defined.
 fn tip_in_rig(tip: &TipState, mount: &Mount) -> TipState {
     use crate::kinematics::{crtk_rotation, to_crtk};
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};

@@ -7,11 +7,12 @@
 //!  "operating_state": {"state": "ENABLED", "is_homed": true}}
 //! ```
 //!
-//! `stamp_s` is the sender's clock in s, without it the time of receipt counts. The sender's address is the publisher: two
-//! senders are two publishers. Everything but a tip or joints may be missing; a position may be `{"x": ..., "y": ..., "z": ...}`,
-//! and a bare `{"position": [x, y, z]}` is a tip. Of several lines the last one counts. `NaN` and `Infinity`, which Python
-//! writes though JSON does not have them, and `null` are numbers that are not known. Anything that is not of this shape is an
-//! event.
+//! `stamp_s` is the sender's clock in s, without it the time of receipt counts. The sender's
+//! address is the publisher: two senders are two publishers. Everything but a tip or joints may be
+//! missing; a position may be `{"x": ..., "y": ..., "z": ...}`, and a bare
+//! `{"position": [x, y, z]}` is a tip. Of several lines the last one counts. `NaN` and `Infinity`,
+//! which Python writes though JSON does not have them, and `null` are numbers that are not known.
+//! Anything that is not of this shape is an event.
 
 use super::{arrival, sift, Poll, Source, SourceError, UdpConfig};
 use crate::crtk::operating;
@@ -116,7 +117,8 @@ fn parse(bytes: &[u8]) -> Result<Message, StateError> {
 /// The text with `null` for each NaN and Infinity that stands outside of a string.
 fn without_nan(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
-    // Every second part is a string, where none holds an escaped quote; with one the text stays as wrong as it was.
+    // Every second part is a string, where none holds an escaped quote; with one the text stays as
+    // wrong as it was.
     for (n, part) in text.split('"').enumerate() {
         if n > 0 {
             out.push('"');
@@ -182,7 +184,8 @@ impl Udp {
         })
     }
 
-    /// Forgets all that came until now, what waits in the socket included: the next state is the first one.
+    /// Forgets all that came until now, what waits in the socket included: the next state is the
+    /// first one.
     pub fn forget(&mut self) {
         // A socket keeps its order: what comes before a datagram of our own is old.
         let marked = UdpSocket::bind((self.address.ip(), 0)).and_then(|marker| {

@@ -4,7 +4,8 @@ use super::{Kind, Move, Trajectory, TrajectoryConfig};
 use crate::random::Random;
 use std::f64::consts::PI;
 
-/// Least length of a move, as a part of the joint's range: shorter ones never leave the dead zone of friction.
+/// Least length of a move, as a part of the joint's range: shorter ones never leave the dead zone
+/// of friction.
 const SHORTEST: f64 = 0.15;
 /// Length of the moves of [`Kind::ReversalRich`], parts of the range.
 const TO_AND_FRO: (f64, f64) = (0.01, 0.08);
@@ -166,7 +167,8 @@ fn stop_and_go(joints: &mut [Joint; 3], end_s: f64, seed: u64) {
 /// Parts of a move below this would be a jerk; the joint holds instead.
 const SHORTEST_PART: f64 = 0.2;
 
-/// The moves up to the end. The last one is shortened in way and time alike, so its peak speed stays and it ends at rest.
+/// The moves up to the end. The last one is shortened in way and time alike, so its peak speed
+/// stays and it ends at rest.
 fn cut(moves: Vec<Move>, end_s: f64) -> Vec<Move> {
     let mut kept = Vec::with_capacity(moves.len());
     for m in moves {

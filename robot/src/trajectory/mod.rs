@@ -1,8 +1,9 @@
-//! Joint trajectories: where the first three joints shall be at each time. Seeded, within limits, at rest at both ends.
+//! Joint trajectories: where the first three joints shall be at each time. Seeded, within limits,
+//! at rest at both ends.
 //!
-//! A trajectory is made of *moves* for each joint: half a cosine wave from one turning point to the next, and *holds* in
-//! between. Position and velocity are continuous; every move begins and ends at rest. The kinds differ in how moves are
-//! drawn ([`TrajectoryConfig`]).
+//! A trajectory is made of *moves* for each joint: half a cosine wave from one turning point to the
+//! next, and *holds* in between. Position and velocity are continuous; every move begins and ends
+//! at rest. The kinds differ in how moves are drawn ([`TrajectoryConfig`]).
 
 mod draw;
 
@@ -25,7 +26,8 @@ pub struct JointTarget {
 pub enum Kind {
     /// Sinusoids with random amplitudes and periods (thesis 4.1).
     Sinusoids,
-    /// The same at a thirtieth to a third of the peak speed: the speeds at which the thesis's estimators are worst (4.3).
+    /// The same at a thirtieth to a third of the peak speed: the speeds at which the thesis's
+    /// estimators are worst (4.3).
     LowSpeed,
     /// Moves with holds of random length between them, often of all joints at once.
     StopAndGo,
@@ -54,8 +56,9 @@ pub struct TrajectoryConfig {
 const DEG: f64 = PI / 180.0;
 
 impl Default for TrajectoryConfig {
-    /// What a lab records on a Raven-II (force_control's random movements): shoulder 20 to 60 degrees at 1.1 to 3 degrees/s,
-    /// elbow 55 to 110 at 1.5 to 4, insertion 0.33 to 0.42 m at 2.5 to 7 mm/s, for 20 min (thesis 4.1).
+    /// What a lab records on a Raven-II (force_control's random movements): shoulder 20 to 60
+    /// degrees at 1.1 to 3 degrees/s, elbow 55 to 110 at 1.5 to 4, insertion 0.33 to 0.42 m at 2.5
+    /// to 7 mm/s, for 20 min (thesis 4.1).
     fn default() -> Self {
         Self {
             kind: Kind::Sinusoids,
@@ -117,7 +120,8 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// Draws a trajectory. The same configuration and seed give the same trajectory on every machine.
+    /// Draws a trajectory. The same configuration and seed give the same trajectory on every
+    /// machine.
     ///
     /// # Errors
     /// [`TrajectoryError`] names what can't be.
@@ -142,8 +146,8 @@ impl Trajectory {
         }
     }
 
-    /// One move of all joints from `from` to `to` (rad, rad, m) in `duration_s` (at least 1 ms), at rest at both ends: to
-    /// reach another trajectory's start.
+    /// One move of all joints from `from` to `to` (rad, rad, m) in `duration_s` (at least 1 ms), at
+    /// rest at both ends: to reach another trajectory's start.
     #[must_use]
     pub fn between(from: [f64; 3], to: [f64; 3], duration_s: f64) -> Self {
         let duration_s = duration_s.max(1e-3);
@@ -166,7 +170,8 @@ impl Trajectory {
         self.duration_s
     }
 
-    /// The set points at `t_s`. Before the start: the first position, after the end: the last one, at rest.
+    /// The set points at `t_s`. Before the start: the first position, after the end: the last one,
+    /// at rest.
     #[must_use]
     pub fn at(&self, t_s: f64) -> JointTarget {
         let mut target = JointTarget::default();
@@ -183,7 +188,8 @@ impl Trajectory {
         target
     }
 
-    /// Times at which joint `joint` (from 0) turns round, s: a move ends and the next one goes the other way.
+    /// Times at which joint `joint` (from 0) turns round, s: a move ends and the next one goes the
+    /// other way.
     ///
     /// # Panics
     /// No such joint.

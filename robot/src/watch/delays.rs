@@ -2,14 +2,16 @@
 
 /// Time over which the fastest state is looked for, ns.
 const BLOCK_NS: i64 = 1_000_000_000;
-/// Rate of the robot's clock against ours beyond which no state's time can be told: NTP slews by 500 ppm, chrony by up to
-/// 8 % while it corrects a large offset.
+/// Rate of the robot's clock against ours beyond which no state's time can be told: NTP slews by
+/// 500 ppm, chrony by up to 8 % while it corrects a large offset.
 const MAX_RATE_ERROR: f64 = 0.02;
-/// Blocks in a row that differ by such a rate to the same side: one alone may be a delay that changed.
+/// Blocks in a row that differ by such a rate to the same side: one alone may be a delay that
+/// changed.
 const RATE_BLOCKS: u32 = 3;
 
-/// Our time of a state's arrival less its stamp, for the fastest states of the last one to two seconds. What is above is
-/// delay, what falls far below is a clock that jumped, and what drifts is a clock of another rate.
+/// Our time of a state's arrival less its stamp, for the fastest states of the last one to two
+/// seconds. What is above is delay, what falls far below is a clock that jumped, and what drifts is
+/// a clock of another rate.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Delays {
     now: Option<Block>,

@@ -169,7 +169,8 @@ impl Event {
             )
     }
 
-    /// Whether it is about a single state that is left out, as can happen. When no other comes, that is an event of its own.
+    /// Whether it is about a single state that is left out, as can happen. When no other comes,
+    /// that is an event of its own.
     pub(super) const fn is_only_left_out(&self) -> bool {
         matches!(
             self,

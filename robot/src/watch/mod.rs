@@ -1,12 +1,13 @@
-//! Watches a stream of robot states: is it one robot, alive, fit to be pulled, with the joints and the frame that fit and a
-//! clock that runs?
+//! Watches a stream of robot states: is it one robot, alive, fit to be pulled, with the joints and
+//! the frame that fit and a clock that runs?
 //!
-//! Every state passes [`Watch::settle`] and [`Watch::state`] before anything uses it, and [`Watch::tick`] is asked in every
-//! cycle. What is not in order is an [`Event`], never a silent repair. An event that is [`Event::stops`] means that the rig has
-//! to go to its safe state and the trial is to be marked; the states stay recorded.
+//! Every state passes [`Watch::settle`] and [`Watch::state`] before anything uses it, and
+//! [`Watch::tick`] is asked in every cycle. What is not in order is an [`Event`], never a silent
+//! repair. An event that is [`Event::stops`] means that the rig has to go to its safe state and the
+//! trial is to be marked; the states stay recorded.
 //!
-//! Age counts for each quantity that the force depends on, not for the stream: joints that go on don't keep a tip alive, and a
-//! state with an old stamp is old however lately it came.
+//! Age counts for each quantity that the force depends on, not for the stream: joints that go on
+//! don't keep a tip alive, and a state with an old stamp is old however lately it came.
 
 mod delays;
 mod event;
@@ -25,7 +26,8 @@ use std::sync::Arc;
 pub struct WatchConfig {
     /// A state, or the tip in it, older than this stops the rig, s.
     pub max_age_s: f64,
-    /// Largest difference between the robot's clock and ours over two states, s. Beyond it the clock was stepped.
+    /// Largest difference between the robot's clock and ours over two states, s. Beyond it the
+    /// clock was stepped.
     pub max_clock_step_s: f64,
     /// Largest travel of the tip between two states, m. Beyond it the pose is not believed.
     pub max_tip_step_m: f64,
@@ -43,7 +45,8 @@ impl Default for WatchConfig {
             max_age_s: 0.1,
             max_clock_step_s: 0.1,
             max_tip_step_m: 0.01,
-            // Reduced speed of a robot beside people, ISO 10218-1: ten times what a lab's trials move.
+            // Reduced speed of a robot beside people, ISO 10218-1: ten times what a lab's trials
+            // move.
             max_tip_speed_m_per_s: 0.25,
             joint_names: Vec::new(),
             frame_id: None,
@@ -51,10 +54,12 @@ impl Default for WatchConfig {
     }
 }
 
-/// Travel of the tip that jitter of the stamps and encoder counts make up for at any speed, m: 4 ms at the largest speed.
+/// Travel of the tip that jitter of the stamps and encoder counts make up for at any speed, m: 4 ms
+/// at the largest speed.
 const TIP_SLACK_M: f64 = 0.001;
-/// So many states in a row that are older than the newest, over at least this time, are a clock that was set back. A datagram
-/// that took another way is one, or comes with its neighbours at once.
+/// So many states in a row that are older than the newest, over at least this time, are a clock
+/// that was set back. A datagram that took another way is one, or comes with its neighbours at
+/// once.
 const SET_BACK_STATES: u32 = 3;
 const SET_BACK_NS: i64 = 15_000_000;
 
@@ -148,7 +153,8 @@ impl Watch {
         (self.flawed.insert(field)).then(|| Event::LeftOut(flaw.clone()))
     }
 
-    /// A state came at `now_ns` of our clock. `Ok`: it can be used, with an event that does not stop where there is one.
+    /// A state came at `now_ns` of our clock. `Ok`: it can be used, with an event that does not
+    /// stop where there is one.
     ///
     /// # Errors
     /// It must not be used.
@@ -166,7 +172,8 @@ impl Watch {
         usable
     }
 
-    /// Whether an event of [`Watch::state`] is worth telling: a state that is left out is told once until another can be used.
+    /// Whether an event of [`Watch::state`] is worth telling: a state that is left out is told once
+    /// until another can be used.
     #[must_use]
     pub fn is_news(&self, event: &Event) -> bool {
         !event.is_only_left_out() || self.left_out.as_ref().is_none_or(|(count, _)| *count == 1)
@@ -287,7 +294,8 @@ impl Watch {
         Ok(())
     }
 
-    /// Time is `now_ns` of our clock: are the robot and its tip still there? One event for each silence.
+    /// Time is `now_ns` of our clock: are the robot and its tip still there? One event for each
+    /// silence.
     pub fn tick(&mut self, now_ns: i64) -> Option<Event> {
         let limit_s = self.config.max_age_s;
         let age_s = |since_ns: i64| (now_ns - since_ns) as f64 * 1e-9;

@@ -1,4 +1,5 @@
-//! Debian's ROS 1 for a test: a core, processes that end with the test. Also included by `host-cli/tests/ros1.rs`.
+//! Debian's ROS 1 for a test: a core, processes that end with the test. Also included by
+//! `host-cli/tests/ros1.rs`.
 
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
@@ -62,7 +63,8 @@ impl Ros {
         Process(self.command(program, arguments).spawn().expect(program))
     }
 
-    /// Waits until rosbag has finished this bag: it has another name before. Calls `meanwhile` again and again.
+    /// Waits until rosbag has finished this bag: it has another name before. Calls `meanwhile`
+    /// again and again.
     pub fn finished(&self, bag: &Path, mut meanwhile: impl FnMut()) {
         let limit = Instant::now() + PATIENCE;
         while !bag.exists() {
@@ -91,7 +93,8 @@ pub fn ros() -> Option<(Ros, Process)> {
         port,
         folder: tempfile::tempdir().expect("a folder"),
     };
-    // The master alone: roscore puts it, and rosout, into sessions of their own, which outlive the test.
+    // The master alone: roscore puts it, and rosout, into sessions of their own, which outlive the
+    // test.
     let core = ros.start("rosmaster", &["--core", "-p", &port.to_string()]);
     let limit = Instant::now() + PATIENCE;
     while TcpStream::connect(("127.0.0.1", port)).is_err() {

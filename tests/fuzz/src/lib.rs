@@ -1,8 +1,9 @@
-//! Damages input: what the tests of this package feed to decoders and parsers. Everything comes from a seed, so a failure is
-//! the same in every run, and proptest makes it small.
+//! Damages input: what the tests of this package feed to decoders and parsers. Everything comes
+//! from a seed, so a failure is the same in every run, and proptest makes it small.
 //!
-//! `FORCE_FUZZ_CASES` sets the number of cases of each test, `FORCE_FUZZ_SEED` another seed. With `FORCE_FUZZ_MINUTES` each test goes
-//! on with one seed after the other for so long. `cargo xtask fuzz` sets them.
+//! `FORCE_FUZZ_CASES` sets the number of cases of each test, `FORCE_FUZZ_SEED` another seed. With
+//! `FORCE_FUZZ_MINUTES` each test goes on with one seed after the other for so long.
+//! `cargo xtask fuzz` sets them.
 
 use proptest::collection::vec;
 use proptest::prelude::{any, Strategy};
@@ -99,8 +100,8 @@ fn number(variable: &str, default: u32) -> u32 {
     }
 }
 
-/// Runs `test` on the cases that `strategy` draws from the seed, or, where minutes are set, from one seed after the other; then prints how
-/// many cases there were.
+/// Runs `test` on the cases that `strategy` draws from the seed, or, where minutes are set, from
+/// one seed after the other; then prints how many cases there were.
 ///
 /// # Panics
 /// On the first input that `test` does not survive.
@@ -129,8 +130,9 @@ where
     }
 }
 
-/// Runs `test` on the cases that `strategy` draws; a panic within it is a failure, and the smallest input that causes it is
-/// shown. `cost`: how many times as long as a short case one takes. Returns the number of cases.
+/// Runs `test` on the cases that `strategy` draws; a panic within it is a failure, and the smallest
+/// input that causes it is shown. `cost`: how many times as long as a short case one takes. Returns
+/// the number of cases.
 ///
 /// # Panics
 /// On the first input that `test` does not survive.

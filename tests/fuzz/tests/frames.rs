@@ -1,4 +1,5 @@
-//! Frames of both directions, damaged on the line, and well-framed ones whose content nobody would send.
+//! Frames of both directions, damaged on the line, and well-framed ones whose content nobody would
+//! send.
 
 use board::machine::{Effects, Health, LinkCounters, LoopFigures, Machine, LINKS};
 use control::{Micros, UnitIndex};
@@ -136,7 +137,8 @@ fn any_content_of_a_command_does_no_harm() {
     });
 }
 
-/// COBS (Cheshire and Baker 1999), written here so that the frame is not made by the code under test.
+/// COBS (Cheshire and Baker 1999), written here so that the frame is not made by the code under
+/// test.
 fn cobs_encode(bytes: &[u8], out: &mut [u8]) -> usize {
     let (mut code_at, mut at, mut code) = (0, 1, 1);
     for byte in bytes {

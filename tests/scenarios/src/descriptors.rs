@@ -1,5 +1,5 @@
-//! Checks of USB descriptors against USB 2.0 chapter 9 and CDC 1.2 with PSTN 1.2. Written from the specifications; it
-//! shares nothing with the firmware or with the host model.
+//! Checks of USB descriptors against USB 2.0 chapter 9 and CDC 1.2 with PSTN 1.2. Written from the
+//! specifications; it shares nothing with the firmware or with the host model.
 
 use std::fmt::Write;
 
@@ -89,8 +89,8 @@ fn split(bytes: &[u8]) -> Result<Vec<Descriptor<'_>>, String> {
     Ok(all)
 }
 
-/// Checks a configuration with one CDC-ACM function (USB 2.0 tables 9-10 to 9-13, CDC 1.2 section 5.2.3, PSTN 1.2
-/// section 5.3).
+/// Checks a configuration with one CDC-ACM function (USB 2.0 tables 9-10 to 9-13, CDC 1.2 section
+/// 5.2.3, PSTN 1.2 section 5.3).
 ///
 /// # Errors
 /// Every mistake, one line each.
@@ -166,8 +166,8 @@ pub fn check_configuration(bytes: &[u8]) -> Result<SerialPort, String> {
     }
 }
 
-/// Functional descriptors: the header comes first (CDC 1.2 section 5.2.3.1), the union and call management name both
-/// interfaces.
+/// Functional descriptors: the header comes first (CDC 1.2 section 5.2.3.1), the union and call
+/// management name both interfaces.
 fn check_functional(found: &[(u8, Vec<u8>)], port: &mut SerialPort, mistakes: &mut Mistakes) {
     match found.first() {
         Some((0, version)) if *version == [0x10, 0x01] || *version == [0x20, 0x01] => {}
@@ -204,12 +204,14 @@ fn check_functional(found: &[(u8, Vec<u8>)], port: &mut SerialPort, mistakes: &m
     }
 }
 
-/// One interrupt IN endpoint at the first interface; bulk IN and bulk OUT at the second (CDC 1.2 section 3.4.2).
+/// One interrupt IN endpoint at the first interface; bulk IN and bulk OUT at the second (CDC 1.2
+/// section 3.4.2).
 fn check_endpoints(found: &[Vec<Endpoint>; 2], port: &mut SerialPort, mistakes: &mut Mistakes) {
     match found[0].as_slice() {
         [notification @ (address, 3, size, interval)] if address & 0x80 != 0 => {
             port.notification = *notification;
-            // A SERIAL_STATE notification has 10 bytes in one or more packets; full speed allows 64 and 1 to 255 ms.
+            // A SERIAL_STATE notification has 10 bytes in one or more packets; full speed allows 64
+            // and 1 to 255 ms.
             mistakes.check((1..=64).contains(size) && *interval > 0, || {
                 format!("notification {notification:?}")
             });

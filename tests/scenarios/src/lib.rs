@@ -1,8 +1,8 @@
-//! Scenarios with the real firmware image in the embedded rig; see `tests/`. What they share is here, and the campaign that flips
-//! bits of the running image.
+//! Scenarios with the real firmware image in the embedded rig; see `tests/`. What they share is
+//! here, and the campaign that flips bits of the running image.
 
-/// Bytes of stack that the image's machine code can take, as `cargo xtask inspect` computes them. `cargo xtask test emulated` sets
-/// `FORCE_STACK_BOUND`.
+/// Bytes of stack that the image's machine code can take, as `cargo xtask inspect` computes them.
+/// `cargo xtask test emulated` sets `FORCE_STACK_BOUND`.
 ///
 /// # Panics
 /// Where the variable is missing: there is nothing to compare with then.

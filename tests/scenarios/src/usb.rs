@@ -1,4 +1,5 @@
-//! The embedded rig in this process, reached by its USB port, with the USB host and the serial line at hand.
+//! The embedded rig in this process, reached by its USB port, with the USB host and the serial line
+//! at hand.
 
 use emulator::{Options, Rig, RigError};
 use emulator_link::{Advanced, Injection, Report};
@@ -144,7 +145,8 @@ impl UsbRig {
         }
     }
 
-    /// Lets time pass. `to_board` goes by the session's link; the bytes that come back by it are in the result.
+    /// Lets time pass. `to_board` goes by the session's link; the bytes that come back by it are in
+    /// the result.
     fn step(&mut self, to_board: &[u8], duration_ns: u64) -> Result<Advanced, RigError> {
         let to_other = std::mem::take(&mut self.other.to_board);
         let (by_usb, by_serial) = match self.session {

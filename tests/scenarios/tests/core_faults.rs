@@ -1,5 +1,6 @@
-//! Faults of the controller itself: its clock, its supply, its stack, its memory and registers. The DACs' RST line and the reset take
-//! the motors to 0 V; the next start reports why and arms nothing.
+//! Faults of the controller itself: its clock, its supply, its stack, its memory and registers. The
+//! DACs' RST line and the reset take the motors to 0 V; the next start reports why and arms
+//! nothing.
 
 use control::{Fault, SystemState};
 use emulator_link::{Forbidden, Injection, Truth};
@@ -13,8 +14,8 @@ fn rows_to_zero(rows: &[Truth]) -> usize {
     driven.map_or(0, |last| last + 1)
 }
 
-/// Injects into an armed rig what ends in a reset. Returns what the board says of itself afterwards, and how many milliseconds a
-/// motor was still driven.
+/// Injects into an armed rig what ends in a reset. Returns what the board says of itself
+/// afterwards, and how many milliseconds a motor was still driven.
 fn reset_by(link: &mut dyn RigLink, injection: Injection) -> (BoardInfo, usize) {
     let rows = {
         let mut stand = Stand::armed(link, 3.0);
@@ -100,7 +101,8 @@ fn a_null_pointer_a_write_to_flash_and_code_in_ram_are_processor_faults() {
     }
 }
 
-/// A dip of the 5 V takes a counter's registers: it stands somewhere else and counts nothing until it is set up again.
+/// A dip of the 5 V takes a counter's registers: it stands somewhere else and counts nothing until
+/// it is set up again.
 #[test]
 fn a_counter_that_loses_its_supply_is_a_fault_and_counts_again() {
     let mut link = rig(84);
@@ -121,7 +123,8 @@ fn a_counter_that_loses_its_supply_is_a_fault_and_counts_again() {
     stand.truth();
     stand.run(0.1);
     assert!(stand.truth().iter().all(all_at_zero));
-    // The robot pulls at the reels, and each counter counts what its reel turns, those of the chip as well.
+    // The robot pulls at the reels, and each counter counts what its reel turns, those of the chip
+    // as well.
     let before = stand.status().units;
     stand.truth();
     stand.robot(true);

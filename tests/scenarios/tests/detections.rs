@@ -1,5 +1,5 @@
-//! Detections that another one would hide: each scenario fails where its detection alone is switched off
-//! (`cargo xtask mutants`).
+//! Detections that another one would hide: each scenario fails where its detection alone is
+//! switched off (`cargo xtask mutants`).
 
 use control::{Fault, MotorState};
 use emulator_link::Injection;
@@ -7,7 +7,8 @@ use session::link::RigLink;
 use test_stand::{all_at_zero, rig, Stand, MS, ZERO_V};
 use wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, MAX_FRAME};
 
-/// Far more than the load cell's range, at once: the converter is at its end before anything else is certain.
+/// Far more than the load cell's range, at once: the converter is at its end before anything else
+/// is certain.
 #[test]
 fn a_converter_at_the_end_of_its_range_stops_its_unit() {
     let mut link = rig(71);
@@ -74,7 +75,8 @@ fn a_frame_with_a_wrong_checksum_is_dropped_and_counted() {
         frame[..length].to_vec()
     };
     assert_eq!(answers(&mut link, &mut decoder, &frame(7), 50), [7]);
-    // The number of the frame is the first byte behind the one of COBS; another number is as good a frame but for its checksum.
+    // The number of the frame is the first byte behind the one of COBS; another number is as good a
+    // frame but for its checksum.
     let mut damaged = frame(8);
     let at = damaged
         .iter()

@@ -1,11 +1,12 @@
-//! The rig without the emulated controller (`--link fast`) against the image in the embedded rig, on the same seed and the
-//! same motion of the robot.
+//! The rig without the emulated controller (`--link fast`) against the image in the embedded rig,
+//! on the same seed and the same motion of the robot.
 //!
-//! Both draw the same chips, clocks, noise and physics from the seed and run the same machine and control core. What differs
-//! are delays of some microseconds (`core_sim::timing`), so samples fall at other times and noise at other places: traces
-//! differ by noise, figures little: over these three
-//! seeds by up to 14 mN (tension), 4 mN (mean force), 21 mN (RMS of the force's error) and 98 mN (traces). One friction reversal
-//! that falls otherwise is some 10 mN of an RMS over 8 s. docs/robot.md states the bounds below.
+//! Both draw the same chips, clocks, noise and physics from the seed and run the same machine and
+//! control core. What differs are delays of some microseconds (`core_sim::timing`), so samples fall
+//! at other times and noise at other places: traces differ by noise, figures little: over these
+//! three seeds by up to 14 mN (tension), 4 mN (mean force), 21 mN (RMS of the force's error) and 98
+//! mN (traces). One friction reversal that falls otherwise is some 10 mN of an RMS over 8 s.
+//! docs/robot.md states the bounds below.
 
 use run::{self, NoopObserver, Options, Outcome};
 use session::link::fast::FastRig;
@@ -18,8 +19,8 @@ const TENSION_RMS_N: f64 = 0.025;
 const MEAN_FORCE_N: f64 = 0.005;
 /// Largest difference of the force error's RMS, N.
 const FORCE_RMS_N: f64 = 0.03;
-/// Largest RMS of the difference between the two traces of a cable's true tension, N: noise of both, and friction that
-/// reverses some milliseconds earlier or later.
+/// Largest RMS of the difference between the two traces of a cable's true tension, N: noise of
+/// both, and friction that reverses some milliseconds earlier or later.
 const TRACE_N: f64 = 0.15;
 
 fn hold(link: &mut dyn RigLink, force_n: [f64; 3]) -> Outcome {
@@ -124,7 +125,8 @@ fn a_pulled_plug_and_the_e_stop_end_the_same_way() {
         );
         let (a, b) = (force_n(&image), force_n(&quick));
         assert_eq!(a.is_some(), b.is_some());
-        // The tip moves on while the fault ripens: one cycle of the host changes the force that is left by up to 0.03 N.
+        // The tip moves on while the fault ripens: one cycle of the host changes the force that is
+        // left by up to 0.03 N.
         let apart = a.zip(b).map_or(0.0, |(a, b)| (a - b).abs());
         assert!(apart <= 0.03, "{injection:?}: {image} / {quick}");
     }

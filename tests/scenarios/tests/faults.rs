@@ -7,8 +7,8 @@ use test_stand::{all_at_zero, rig, Stand, ZERO_V};
 use wire::message::CommandError;
 use wire::Command;
 
-/// Mean tension of each cable over half a second. The stand's cells are not calibrated, so a setpoint of 3 N is 3 N
-/// give or take some percent.
+/// Mean tension of each cable over half a second. The stand's cells are not calibrated, so a
+/// setpoint of 3 N is 3 N give or take some percent.
 fn means(stand: &mut Stand<'_>) -> [f64; 6] {
     stand.truth();
     stand.run(0.5);

@@ -1,5 +1,5 @@
-//! The tutorial docs/first-day.md: every command of the page, in its order, with the real image. The commands are read
-//! from the page.
+//! The tutorial docs/first-day.md: every command of the page, in its order, with the real image.
+//! The commands are read from the page.
 
 #![cfg(unix)]
 

@@ -1,5 +1,6 @@
-//! Single bits of the running image: registers that are known to matter must be noticed by the watch on the registers, and no bit
-//! may end in a hazard. `cargo xtask faults --image` runs as many drawn bits as wanted.
+//! Single bits of the running image: registers that are known to matter must be noticed by the
+//! watch on the registers, and no bit may end in a hazard. `cargo xtask faults --image` runs as
+//! many drawn bits as wanted.
 
 use control::{Fault, SystemState};
 use emulator_link::Injection;
@@ -31,12 +32,13 @@ const PUT_RIGHT: [u32; 4] = [SPI1_CFG2, 0x4001_3008, 0x5802_1408, 0x5802_1800];
 /// Those that are compared each millisecond.
 const EACH_TICK: [u32; 2] = [SPI1_CFG2, 0x4001_3008];
 
-/// Cases of the campaign that `cargo xtask test` runs, and how long each is watched: longer than a turn of the watch on the registers.
+/// Cases of the campaign that `cargo xtask test` runs, and how long each is watched: longer than a
+/// turn of the watch on the registers.
 const DRAWN: u64 = 12;
 const WATCH_MS: u32 = 120;
 
-/// Each of them is the board's fault within a turn of the watch. A register that the board puts right is cleared; one that it cannot
-/// put right keeps its fault until its bit is back.
+/// Each of them is the board's fault within a turn of the watch. A register that the board puts
+/// right is cleared; one that it cannot put right keeps its fault until its bit is back.
 #[test]
 fn a_known_register_that_changes_is_a_fault() {
     let mut link = rig(84);

@@ -33,7 +33,8 @@ fn two_and_a_half_newtons_along_y() {
             along_s <= 0.5,
             "seed {seed}: settled along y after {along_s:.2} s"
         );
-        // A friction reversal across the force may come at any time; with seed 1 it does within the first second.
+        // A friction reversal across the force may come at any time; with seed 1 it does within the
+        // first second.
         let settling_s = metrics.settling_s.expect("it settles");
         assert!(
             settling_s <= 1.0,

@@ -1,4 +1,5 @@
-//! Friction that the rig file doesn't declare: found on the real firmware, declared, and the tensions are better for it.
+//! Friction that the rig file doesn't declare: found on the real firmware, declared, and the
+//! tensions are better for it.
 
 use identify::{self, Figures};
 use rig::{Rig, DEFAULT_TEXT};
@@ -64,7 +65,8 @@ fn undeclared_friction_is_found_and_compensated() {
     )
     .unwrap_or_else(|error| panic!("{error}"));
     for (unit, new) in found.units.iter().zip(&found.rig.units) {
-        // Constant and share of load together, at the excitation's middle; units differ by 0.1 N by themselves.
+        // Constant and share of load together, at the excitation's middle; units differ by 0.1 N by
+        // themselves.
         let more = new.coulomb_n + 4.5 * new.coulomb_per_n - 0.909 - 4.5 * 0.154;
         assert!(
             (more - 0.6).abs() < 0.25,

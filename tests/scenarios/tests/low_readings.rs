@@ -1,4 +1,5 @@
-//! Load cells and outputs that cannot be believed: the true tension stays below what the robot bears, and the motor stops.
+//! Load cells and outputs that cannot be believed: the true tension stays below what the robot
+//! bears, and the motor stops.
 
 use control::let_go::TRIAL_MS;
 use control::{Fault, MotorState, SystemState};
@@ -9,8 +10,9 @@ use wire::Command;
 /// What a cable may pull, N.
 const HAZARD_N: f64 = 13.0;
 
-/// Injects at 6 N on every cable; unit 3 must fault with one of `codes`, its true tension must never pass the hazard, and
-/// its output must be at 0 V once the fault is latched. Returns the state of the board 0.2 s later.
+/// Injects at 6 N on every cable; unit 3 must fault with one of `codes`, its true tension must
+/// never pass the hazard, and its output must be at 0 V once the fault is latched. Returns the
+/// state of the board 0.2 s later.
 fn unit_3_stops(seed: u64, injection: Injection, then_n: f64, codes: &[Fault]) -> SystemState {
     let mut link = rig(seed);
     let mut stand = Stand::armed(&mut link, 6.0);
@@ -62,8 +64,9 @@ fn exchanged_signal_wires() {
     assert_eq!(state, SystemState::Running);
 }
 
-/// A motor without force lets no cable go when it is switched to 0 V. Nothing that is measured tells it from a load cell that reads
-/// too little in front of a stuck output, unless the reel still pays out: the others continue then, or all stop.
+/// A motor without force lets no cable go when it is switched to 0 V. Nothing that is measured
+/// tells it from a load cell that reads too little in front of a stuck output, unless the reel
+/// still pays out: the others continue then, or all stop.
 #[test]
 fn an_amplifier_that_is_off() {
     let codes = [Fault::Implausible, Fault::CommandAtLimit];
@@ -138,8 +141,8 @@ fn a_stuck_dac_loses_the_amplifiers_power() {
         .is_some_and(|row| row.amplifier_on && all_at_zero(row)));
 }
 
-/// The same behind a load cell that reads nothing: the unit faults too, and a clear starts its converter anew. For 0.65 s nothing is
-/// measured then, and the motor must have no power.
+/// The same behind a load cell that reads nothing: the unit faults too, and a clear starts its
+/// converter anew. For 0.65 s nothing is measured then, and the motor must have no power.
 #[test]
 fn a_clear_of_a_units_fault_gives_a_stuck_dac_no_power_that_it_keeps() {
     for broken in [Injection::OpenBridge(4, true), Injection::UnplugSensor(4)] {
@@ -168,7 +171,8 @@ fn a_clear_of_a_units_fault_gives_a_stuck_dac_no_power_that_it_keeps() {
     }
 }
 
-/// A unit loses its load cell while its DAC is stuck: only the encoder shows that the cable is still held.
+/// A unit loses its load cell while its DAC is stuck: only the encoder shows that the cable is
+/// still held.
 #[test]
 fn a_stuck_dac_behind_a_lost_sensor_loses_the_power_too() {
     let mut link = rig(67);

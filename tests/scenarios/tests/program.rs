@@ -1,4 +1,5 @@
-//! The program `forcectl` with the real firmware image: exit codes, files, closed pipes and signals of whole runs.
+//! The program `forcectl` with the real firmware image: exit codes, files, closed pipes and signals
+//! of whole runs.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -137,7 +138,8 @@ fn a_file_that_cannot_be_written_costs_only_itself() {
         .stderr(Stdio::piped())
         .spawn()
         .expect("forcectl runs");
-    // The earlier files are removed before the run begins; this one appears while it goes on. Every write to it fails.
+    // The earlier files are removed before the run begins; this one appears while it goes on. Every
+    // write to it fails.
     let mut err = child.stderr.take().expect("is piped");
     let mut said = String::new();
     let mut byte = [0];

@@ -54,7 +54,8 @@ fn a_stalled_serial_stream_is_restarted() {
     }
 }
 
-/// DRDY is high when the bring-up ends: that level is no sample, and the first sample comes 41 ms later.
+/// DRDY is high when the bring-up ends: that level is no sample, and the first sample comes 41 ms
+/// later.
 #[test]
 fn a_ready_line_that_a_start_leaves_high_is_no_sample() {
     let mut link = rig(74);
@@ -93,7 +94,8 @@ fn the_crash_record_survives_the_reset_that_follows_it() {
     assert!(info.hse);
 }
 
-/// Mean delay in samples between a step of the force and its sample, over 16 steps, with the register pointer written ahead or not.
+/// Mean delay in samples between a step of the force and its sample, over 16 steps, with the
+/// register pointer written ahead or not.
 fn delay_samples(latches_at_pointer: bool, pointer_ahead: bool) -> f64 {
     let mut link = rig(76);
     let mut stand = Stand::connect(&mut link);
@@ -133,7 +135,8 @@ fn delay_samples(latches_at_pointer: bool, pointer_ahead: bool) -> f64 {
     sum as f64 / 16.0
 }
 
-/// The measurement of docs/bring-up.md: which of the two the converters do shows in the delay of a step.
+/// The measurement of docs/bring-up.md: which of the two the converters do shows in the delay of a
+/// step.
 #[test]
 fn the_pointer_measurement_tells_when_the_result_is_latched() {
     let at_read = [delay_samples(false, true), delay_samples(false, false)];
@@ -147,7 +150,8 @@ fn the_pointer_measurement_tells_when_the_result_is_latched() {
     );
 }
 
-/// The four variants of the converters that the datasheet lines at hand leave open, in all combinations; bits 0 to 3.
+/// The four variants of the converters that the datasheet lines at hand leave open, in all
+/// combinations; bits 0 to 3.
 fn variant(link: &mut dyn RigLink, bits: u8) -> String {
     let on = |bit: u8| bits >> bit & 1 == 1;
     let injections = [
@@ -163,7 +167,8 @@ fn variant(link: &mut dyn RigLink, bits: u8) -> String {
     format!("{injections:?}")
 }
 
-/// What hangs on each cell while it is brought up, N: the last result that settles lacks 0.5 % of it.
+/// What hangs on each cell while it is brought up, N: the last result that settles lacks 0.5 % of
+/// it.
 const LOAD_N: f64 = 10.0;
 /// Largest difference of held tensions between two rigs, N.
 const HELD_N: f64 = 0.05;
@@ -201,7 +206,8 @@ fn first_samples_are_settled(stand: &mut Stand<'_>, what: &str) {
     }
 }
 
-/// From disarmed to every cable at 3 N, with new zeros; the mean true tensions, N. What a cable keeps while it is zeroed is in them.
+/// From disarmed to every cable at 3 N, with new zeros; the mean true tensions, N. What a cable
+/// keeps while it is zeroed is in them.
 fn arm(stand: &mut Stand<'_>) -> [f64; UNITS] {
     stand.wait("all units are ready", 6.0, |status| {
         status.state == SystemState::Ready as u8
@@ -224,7 +230,8 @@ fn arm(stand: &mut Stand<'_>) -> [f64; UNITS] {
     })
 }
 
-/// Checks one unit: first samples, loss of its converter, E-stop, clear. Returns the tensions that were held.
+/// Checks one unit: first samples, loss of its converter, E-stop, clear. Returns the tensions that
+/// were held.
 fn is_safe(stand: &mut Stand<'_>, unit: u8, loss: Injection, what: &str) -> [f64; UNITS] {
     let what = format!("{what}, {loss:?}");
     let slot = usize::from(unit) - 1;
@@ -303,7 +310,8 @@ fn difference_n(a: &[f64; UNITS], b: &[f64; UNITS]) -> f64 {
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// Every unit in every combination of variants; what is held is what the plain parts hold, but for noise and friction.
+/// Every unit in every combination of variants; what is held is what the plain parts hold, but for
+/// noise and friction.
 #[test]
 fn every_unit_is_safe_in_every_combination_of_variants() {
     let mut worst = 0.0_f64;
@@ -342,10 +350,11 @@ fn the_image_is_safe_on_the_converters_that_other_drivers_expect() {
     }
 }
 
-/// LDAC moves what a DAC's shift register holds, so a load within a word would be a wrong torque. It can't happen: one interrupt
-/// sends a word, raises CS and pulses LDAC, in this order, and begins the next word after it. Here words come as fast as the
-/// samples of six units, the repetitions of each millisecond, faults, and a SPI that stops in the middle of a word let them; the
-/// board's model watches each rising edge of LDAC.
+/// LDAC moves what a DAC's shift register holds, so a load within a word would be a wrong torque.
+/// It can't happen: one interrupt sends a word, raises CS and pulses LDAC, in this order, and
+/// begins the next word after it. Here words come as fast as the samples of six units, the
+/// repetitions of each millisecond, faults, and a SPI that stops in the middle of a word let them;
+/// the board's model watches each rising edge of LDAC.
 #[test]
 fn no_load_of_the_dacs_falls_within_a_word() {
     let mut link = rig(78);

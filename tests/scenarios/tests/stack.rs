@@ -1,5 +1,5 @@
-//! The painted stack: how deep it was in a session that uses every part of the firmware, against the bound that the image's machine
-//! code gives.
+//! The painted stack: how deep it was in a session that uses every part of the firmware, against
+//! the bound that the image's machine code gives.
 
 use control::SystemState;
 use emulator_link::Injection;
@@ -17,7 +17,8 @@ fn a_demanding_session_stays_below_the_bound_of_the_machine_code() {
         stand.hold([4.0 + 0.3 * f64::from(step % 4); 6]);
         stand.run(0.1);
     }
-    // A recovery of the bus, a stalled stream, a register that changes: the ways that a quiet session does not take.
+    // A recovery of the bus, a stalled stream, a register that changes: the ways that a quiet
+    // session does not take.
     stand.inject(Injection::StuckSda);
     stand.inject(Injection::StallUsart);
     stand.run(0.2);
@@ -41,7 +42,8 @@ fn a_demanding_session_stays_below_the_bound_of_the_machine_code() {
         "stack: {} bytes were used, the machine code can take {bound} of {}",
         stack.used_bytes, stack.size_bytes
     );
-    // The superloop's state alone is tens of kilobytes: a small figure would mean that nothing was painted.
+    // The superloop's state alone is tens of kilobytes: a small figure would mean that nothing was
+    // painted.
     assert!(stack.used_bytes > bound / 2, "{stack:?}");
     assert!(stack.used_bytes <= bound, "{stack:?}, bound {bound}");
     assert!(bound < stack.size_bytes);

@@ -27,7 +27,8 @@ fn six_units_stream_and_nothing_is_lost() {
             unit + 1
         );
         let unread = report.conversions[unit] - report.conversions_read[unit];
-        // One may be on its way at this moment, and those before the bring-up was over had no reader.
+        // One may be on its way at this moment, and those before the bring-up was over had no
+        // reader.
         assert!(
             unread <= 8,
             "unit {}: {unread} conversions not read",
@@ -58,8 +59,8 @@ fn the_clocks_drift_apart() {
     );
 }
 
-/// The image drives every register as the manual allows: what the part refused or did not know is on a short
-/// list with a reason for each entry.
+/// The image drives every register as the manual allows: what the part refused or did not know is
+/// on a short list with a reason for each entry.
 #[test]
 fn no_register_access_is_refused() {
     let mut link = rig(13);
@@ -94,7 +95,8 @@ fn a_sample_moves_its_motor_in_a_fifth_of_a_millisecond() {
         .collect();
     let (p50, p99) = (quantile(&ms, 0.5), quantile(&ms, 0.99));
     assert!(p50 <= 0.20, "median {p50:.3} ms");
-    // 0.45 ms is the goal of the bench; with the edges of the I2C lines counted the bus takes a little longer.
+    // 0.45 ms is the goal of the bench; with the edges of the I2C lines counted the bus takes a
+    // little longer.
     assert!(p99 <= 0.50, "99th percentile {p99:.3} ms");
     let instructions: Vec<f64> = latencies.iter().map(|l| l.instructions as f64).collect();
     let typical = quantile(&instructions, 0.5);

@@ -15,8 +15,8 @@ fn program() -> PathBuf {
     Path::new(&rig).with_file_name("forcectl")
 }
 
-/// A folder with the sockets of one test, and the processes in it. One at a time: a rig wants a core, and its clients' time is
-/// that of the clock on the wall.
+/// A folder with the sockets of one test, and the processes in it. One at a time: a rig wants a
+/// core, and its clients' time is that of the clock on the wall.
 struct Lab {
     folder: TempDir,
     rig: Option<Child>,
@@ -135,7 +135,8 @@ impl Drop for Lab {
     }
 }
 
-/// Waits for the end of a process that has to end with this code; returns what it wrote to standard error.
+/// Waits for the end of a process that has to end with this code; returns what it wrote to standard
+/// error.
 fn ends_with(child: Child, code: i32) -> String {
     let output = child.wait_with_output().unwrap();
     let err = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -32,7 +32,8 @@ fn a_host_enumerates_the_board_and_opens_its_port() {
     check_device(&device.device).unwrap_or_else(|mistakes| panic!("{mistakes}"));
     let port =
         check_configuration(&device.configuration).unwrap_or_else(|mistakes| panic!("{mistakes}"));
-    // PSTN 1.2 table 4, D1: the device takes SET_LINE_CODING and SET_CONTROL_LINE_STATE, so it has to say so.
+    // PSTN 1.2 table 4, D1: the device takes SET_LINE_CODING and SET_CONTROL_LINE_STATE, so it has
+    // to say so.
     assert_eq!(
         port.capabilities & 2,
         2,
@@ -72,7 +73,8 @@ fn descriptors_come_in_the_length_that_is_asked_for() {
 fn wrong_control_requests_are_refused_and_change_nothing() {
     let mut rig = UsbRig::open(63);
     let wrong = [
-        // Descriptors that a full-speed device does not have: qualifier, other speed, a second configuration, string 99.
+        // Descriptors that a full-speed device does not have: qualifier, other speed, a second
+        // configuration, string 99.
         Request::read(0, 6, 0x0600, 0, 10),
         Request::read(0, 6, 0x0700, 0, 9),
         Request::read(0, 6, 0x0201, 0, 9),
@@ -82,7 +84,8 @@ fn wrong_control_requests_are_refused_and_change_nothing() {
         Request::write(0, 0x33, 0, 0, &[]),
         Request::write(0x40, 1, 0, 0, &[1, 2, 3]),
         Request::read(0x40, 1, 0, 0, 64),
-        // Class requests: unknown, to the wrong interface, line coding that is too short or too long to be one.
+        // Class requests: unknown, to the wrong interface, line coding that is too short or too
+        // long to be one.
         Request::write(CLASS, 0x55, 0, 0, &[]),
         Request::write(CLASS, SET_LINE_CODING, 0, 1, &CODING),
         Request::write(CLASS, SET_LINE_CODING, 0, 0, &CODING[..3]),
@@ -98,8 +101,8 @@ fn wrong_control_requests_are_refused_and_change_nothing() {
     is_sound(&mut rig);
 }
 
-/// Data that `usb-device` does not expect at endpoint 0 stay in the driver's buffer: without a correction USB is dead until
-/// the controller is reset.
+/// Data that `usb-device` does not expect at endpoint 0 stay in the driver's buffer: without a
+/// correction USB is dead until the controller is reset.
 #[test]
 fn a_data_stage_that_is_too_long_is_refused_and_usb_goes_on() {
     let mut rig = UsbRig::open(70);
@@ -137,7 +140,8 @@ fn transfers_that_the_host_abandons_leave_nothing_behind() {
 #[test]
 fn every_standard_request_of_chapter_9_is_answered() {
     let mut rig = UsbRig::open(65);
-    // GET_STATUS of device (self-powered), interface and an endpoint; GET_CONFIGURATION; GET_INTERFACE.
+    // GET_STATUS of device (self-powered), interface and an endpoint; GET_CONFIGURATION;
+    // GET_INTERFACE.
     assert_eq!(
         rig.control(Request::read(0, 0, 0, 0, 2)),
         Outcome::Done(vec![1, 0])
@@ -182,8 +186,9 @@ fn bulk_out(rig: &mut UsbRig) -> u8 {
     check_configuration(&configuration).unwrap().bulk[1].0
 }
 
-/// CLEAR_FEATURE(ENDPOINT_HALT) sets the data PID to DATA0 on both sides (USB 2.0 section 9.4.5). Linux and macOS send
-/// it when they open a port of some devices. A device that keeps its PID loses one packet.
+/// CLEAR_FEATURE(ENDPOINT_HALT) sets the data PID to DATA0 on both sides (USB 2.0 section 9.4.5).
+/// Linux and macOS send it when they open a port of some devices. A device that keeps its PID loses
+/// one packet.
 #[test]
 fn a_cleared_halt_starts_with_data0() {
     let mut rig = UsbRig::open(66);

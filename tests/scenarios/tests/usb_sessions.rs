@@ -1,5 +1,5 @@
-//! Sessions over the board's USB port: a force held, the cable pulled, the bus suspended, both links at once, a host that
-//! stops reading.
+//! Sessions over the board's USB port: a force held, the cable pulled, the bus suspended, both
+//! links at once, a host that stops reading.
 
 use emulator_link::{Injection, Latency, Truth};
 use emulator_usb::host::State;
@@ -204,8 +204,9 @@ fn both_links_stream_every_sample_and_nothing_is_lost() {
     }
 }
 
-/// Times of the sample path in three parts of a session over USART3, while the host at the USB port has opened it, asks for
-/// every sample, and reads in those parts that `reads` says; and the rig after it.
+/// Times of the sample path in three parts of a session over USART3, while the host at the USB port
+/// has opened it, asks for every sample, and reads in those parts that `reads` says; and the rig
+/// after it.
 fn paths_beside_usb(reads: [bool; 3]) -> ([[f64; 3]; 3], UsbRig) {
     let mut rig = UsbRig::open(74);
     rig.session = Link::Serial;
@@ -244,8 +245,8 @@ fn paths_beside_usb(reads: [bool; 3]) -> ([[f64; 3]; 3], UsbRig) {
 
 #[test]
 fn a_host_that_stops_reading_is_not_noticed_by_the_sample_path() {
-    // Part by part against a host that always reads: how samples of six converters meet on the bus changes with time, so
-    // one part says nothing of the next.
+    // Part by part against a host that always reads: how samples of six converters meet on the bus
+    // changes with time, so one part says nothing of the next.
     let (reading, _) = paths_beside_usb([true; 3]);
     let (stopping, rig) = paths_beside_usb([true, false, true]);
     println!("DRDY to DAC in us (median, p99, largest): host reads {reading:.1?}, stops in the second part {stopping:.1?}");

@@ -1,8 +1,9 @@
 //! The call graph of an image: its functions, where each can go, and how much stack each takes.
 //!
-//! From the machine code itself, so inlining and what the linker removed are as on the board. A branch into another function
-//! counts as a call. A call through a register can reach every function whose address stands somewhere in the image: in
-//! constants, in data, or in a pair of MOVW and MOVT.
+//! From the machine code itself, so inlining and what the linker removed are as on the board. A
+//! branch into another function counts as a call. A call through a register can reach every
+//! function whose address stands somewhere in the image: in constants, in data, or in a pair of
+//! MOVW and MOVT.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,7 +25,8 @@ pub struct Function {
     pub goes: BTreeSet<u32>,
     /// Whether it calls through a register.
     pub goes_anywhere: bool,
-    /// Bytes of stack that it takes itself. All its instructions count, so this is never too little.
+    /// Bytes of stack that it takes itself. All its instructions count, so this is never too
+    /// little.
     pub takes: u32,
     /// Whether it takes an amount of stack that its instructions do not say.
     pub takes_any_amount: bool,
@@ -98,7 +100,8 @@ impl Calls {
             }
         }
         let mut calls = Self::default();
-        // Where code turns into constants and back: the symbols $t and $d of the ARM ELF specification, section 5.5.5.
+        // Where code turns into constants and back: the symbols $t and $d of the ARM ELF
+        // specification, section 5.5.5.
         let mut marks = BTreeMap::new();
         let symbols = table.symbols(endian, bytes, SHT_SYMTAB)?;
         for symbol in symbols.iter() {
@@ -191,7 +194,8 @@ impl Calls {
         self.functions.insert(start, function);
     }
 
-    /// Address of the function with exactly this symbol, or with a mangled symbol that contains `name`.
+    /// Address of the function with exactly this symbol, or with a mangled symbol that contains
+    /// `name`.
     pub fn find(&self, name: &str) -> Option<u32> {
         let whole = |function: &Function| function.name.split(' ').any(|word| word == name);
         let mut functions = self.functions.iter();
@@ -225,7 +229,8 @@ impl Calls {
             .copied()
     }
 
-    /// A way from one of `roots` to `goal`, both ends included, or `None`; and how many functions can be reached.
+    /// A way from one of `roots` to `goal`, both ends included, or `None`; and how many functions
+    /// can be reached.
     pub fn way(&self, roots: &[u32], goal: u32) -> (Option<Vec<u32>>, usize) {
         let mut from: BTreeMap<u32, Option<u32>> = roots.iter().map(|root| (*root, None)).collect();
         let mut open: Vec<u32> = roots.to_vec();

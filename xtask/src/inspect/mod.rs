@@ -1,5 +1,5 @@
-//! `cargo xtask inspect`: what the image's machine code can do, whatever the sources say. No panic can be reached from the sample
-//! path, and the stack is large enough.
+//! `cargo xtask inspect`: what the image's machine code can do, whatever the sources say. No panic
+//! can be reached from the sample path, and the stack is large enough.
 
 mod calls;
 mod stack;
@@ -38,7 +38,8 @@ const PANIC: &str = "rust_begin_unwind";
 /// Reads the image, prints what was found.
 ///
 /// # Errors
-/// A panic can be reached from the sample path, the stack is too small, or the image lacks what this looks for.
+/// A panic can be reached from the sample path, the stack is too small, or the image lacks what
+/// this looks for.
 pub fn run(workspace: &Workspace) -> Result<()> {
     print!("{}", report(&image(workspace)?)?);
     Ok(())

@@ -1,19 +1,20 @@
 //! The most stack that the image can take, from its call graph.
 //!
-//! The superloop, above it one interrupt of each level, the lower level first, above them the NMI, and what the processor puts on
-//! the stack for each. HardFault starts a stack of its own. Code behind a panic is left out: a panic ends the run, pulls the DACs' RST first,
-//! and if its message does not fit the HardFault follows, whose record says so.
+//! The superloop, above it one interrupt of each level, the lower level first, above them the NMI,
+//! and what the processor puts on the stack for each. HardFault starts a stack of its own. Code
+//! behind a panic is left out: a panic ends the run, pulls the DACs' RST first, and if its message
+//! does not fit the HardFault follows, whose record says so.
 
 use std::collections::BTreeMap;
 
 use super::calls::Calls;
 
-/// What an exception puts on the stack: 26 words with the floating-point registers (PM0253 section 2.4.7, figure 12), and 4 bytes to
-/// align it.
+/// What an exception puts on the stack: 26 words with the floating-point registers (PM0253 section
+/// 2.4.7, figure 12), and 4 bytes to align it.
 pub const EXCEPTION: u32 = 26 * 4 + 4;
 
-/// Deepest ways through a graph. Functions that can call each other by some way are one node with the stack of all of them: each
-/// counts once.
+/// Deepest ways through a graph. Functions that can call each other by some way are one node with
+/// the stack of all of them: each counts once.
 pub struct Depths<'a> {
     calls: &'a Calls,
     /// Where the search ends: nothing behind it counts.

@@ -1,6 +1,8 @@
-//! What a Thumb-2 instruction does to control flow and to the stack, as far as [`super::calls`] needs it.
+//! What a Thumb-2 instruction does to control flow and to the stack, as far as [`super::calls`]
+//! needs it.
 //!
-//! Encodings are those of the ARMv7-M Architecture Reference Manual, chapter A5 (which instruction) and A7.7 (its fields).
+//! Encodings are those of the ARMv7-M Architecture Reference Manual, chapter A5 (which instruction)
+//! and A7.7 (its fields).
 
 /// Effect of an instruction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,7 +2,8 @@
 //!
 //! Two routes lead to the same image:
 //!
-//! * rustup's standard library for the board's target, with the compiler that builds everything else;
+//! * rustup's standard library for the board's target, with the compiler that builds everything
+//!   else;
 //! * Debian's `rustc-web` packages, which carry the library's *source* for those who can't reach
 //!   rustup's servers: cargo builds `core` from it (`-Z build-std=core`).
 //!

@@ -1,4 +1,5 @@
-//! The figures against formulas of their own, a case for each class, and cells whose truth is known.
+//! The figures against formulas of their own, a case for each class, and cells whose truth is
+//! known.
 
 use super::super::{fit, Direction, WeightSet, CREEP, PRELOAD};
 use super::*;
@@ -404,7 +405,8 @@ fn figures_are_near_the_true_parameters_of_a_cell() {
             figures(&given, &gain, &options()).unwrap().creep.unwrap()
         })
         .collect();
-    // From 30 to 300 s; what is left of the load before makes the change smaller or larger by a tenth.
+    // From 30 to 300 s; what is left of the load before makes the change smaller or larger by a
+    // tenth.
     let true_creep = 6e-4 * ((-0.3f64).exp() - (-3f64).exp());
     assert!(
         (mean(&found) / true_creep - 1.0).abs() < 0.15,

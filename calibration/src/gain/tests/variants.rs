@@ -1,5 +1,5 @@
-//! Mistakes with other numbers than those of `causes`: other weights, other sizes, other lines, two at once. Each series is drawn
-//! from a seed. What is counted is printed.
+//! Mistakes with other numbers than those of `causes`: other weights, other sizes, other lines, two
+//! at once. Each series is drawn from a seed. What is counted is printed.
 
 use super::super::causes::Cause;
 use super::causes::m2;

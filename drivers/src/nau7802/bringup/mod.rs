@@ -1,4 +1,5 @@
-//! Bring-up of a NAU7802 as a state machine without a bus, for a superloop and for blocking code alike.
+//! Bring-up of a NAU7802 as a state machine without a bus, for a superloop and for blocking code
+//! alike.
 //!
 //! ```text
 //! RR=1, RR=0, PUD=1, 200 us, wait PUR, revision        datasheet section 9.1 (power-on sequence)
@@ -10,13 +11,13 @@
 //!   -> the owner discards six results                  section 8.4, see `Settling`
 //! ```
 //!
-//! The owner performs each [`Action`] and reports the outcome as an [`Event`]. Nothing in between is
-//! hidden: the waits are actions too, so six converters calibrate at the same time on one bus, each
-//! with its own machine. The converter runs during its calibration, so DRDY edges come before
+//! The owner performs each [`Action`] and reports the outcome as an [`Event`]. Nothing in between
+//! is hidden: the waits are actions too, so six converters calibrate at the same time on one bus,
+//! each with its own machine. The converter runs during its calibration, so DRDY edges come before
 //! [`Action::Done`]: ignore them until then.
 //!
-//! Each wait and each retry is bounded ([`limits`]). A failed bus transaction leaves the part's state
-//! unknown, so the sequence restarts from its beginning, a bounded number of times.
+//! Each wait and each retry is bounded ([`limits`]). A failed bus transaction leaves the part's
+//! state unknown, so the sequence restarts from its beginning, a bounded number of times.
 
 mod types;
 
@@ -39,8 +40,8 @@ pub mod limits {
     pub const REVISION_POLL_US: u32 = 1_000;
     /// Reads of the revision before giving up.
     pub const REVISION_TRIES: u16 = 10;
-    /// From CALS=1 to the first look at it. A calibration takes about 344 ms; earlier looks would only
-    /// load the bus that the other converters share.
+    /// From CALS=1 to the first look at it. A calibration takes about 344 ms; earlier looks would
+    /// only load the bus that the other converters share.
     pub const CALIBRATION_WAIT_US: u32 = 340_000;
     /// Between looks at CALS.
     pub const CALIBRATION_POLL_US: u32 = 4_000;
@@ -84,8 +85,8 @@ impl Bringup {
         Self::starting_at(Stage::ResetAssert, config, config.calibration)
     }
 
-    /// Changes the settings of a part that is up. Includes the calibration that every change of gain,
-    /// rate, channel or supply requires.
+    /// Changes the settings of a part that is up. Includes the calibration that every change of
+    /// gain, rate, channel or supply requires.
     pub const fn reconfigure(config: Config) -> Self {
         Self::starting_at(Stage::WriteCtrl1, config, config.calibration)
     }
@@ -118,8 +119,8 @@ impl Bringup {
         matches!(self.pending, Pending::Over(_))
     }
 
-    /// Takes the outcome of the last action and returns the next one. After the end it keeps returning
-    /// the final action, whatever the event.
+    /// Takes the outcome of the last action and returns the next one. After the end it keeps
+    /// returning the final action, whatever the event.
     pub fn next(&mut self, event: Event) -> Action {
         let action = self.step(event);
         self.pending = match action {

@@ -1,4 +1,5 @@
-//! Interface of the sequence: actions, events, stages, and the error with stage, register and cause.
+//! Interface of the sequence: actions, events, stages, and the error with stage, register and
+//! cause.
 
 use crate::nau7802::regs::{Register, Revision};
 
@@ -8,12 +9,14 @@ use crate::nau7802::regs::{Register, Revision};
 pub enum Action {
     /// Write these bytes to [`ADDRESS`](crate::nau7802::ADDRESS), then report [`Event::Written`].
     Write([u8; 2]),
-    /// Write the register address, then read one byte after a repeated START; report [`Event::Read`].
+    /// Write the register address, then read one byte after a repeated START; report
+    /// [`Event::Read`].
     WriteRead([u8; 1]),
     /// Let at least this many microseconds pass, then report [`Event::Waited`].
     WaitUs(u32),
-    /// Finished: the converter runs. Its first six conversions settle, and may come with DRDY: discard six results
-    /// ([`Settling`](crate::nau7802::Settling)), and a result that was ready before.
+    /// Finished: the converter runs. Its first six conversions settle, and may come with DRDY:
+    /// discard six results ([`Settling`](crate::nau7802::Settling)), and a result that was ready
+    /// before.
     Done,
     /// Given up. The part may be in any state; start again with a new machine.
     Failed(SequenceError),
@@ -110,7 +113,8 @@ impl Stage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Cause {
-    /// The bus failed [`BUS_RESTARTS`](super::limits::BUS_RESTARTS) + 1 times: part unplugged, mux channel wrong, bus held.
+    /// The bus failed [`BUS_RESTARTS`](super::limits::BUS_RESTARTS) + 1 times: part unplugged, mux
+    /// channel wrong, bus held.
     Bus,
     /// PUR never came.
     PowerUpTimeout,
@@ -125,7 +129,8 @@ pub enum Cause {
     },
     /// CALS never cleared.
     CalibrationTimeout,
-    /// CAL_ERR after [`CALIBRATION_TRIES`](super::limits::CALIBRATION_TRIES) calibrations: input out of the mode's range.
+    /// CAL_ERR after [`CALIBRATION_TRIES`](super::limits::CALIBRATION_TRIES) calibrations: input
+    /// out of the mode's range.
     CalibrationError,
     /// An [`Event`] that doesn't answer the last [`Action`]: a bug in the caller.
     UnexpectedEvent,
@@ -166,7 +171,8 @@ pub struct SequenceError {
 }
 
 impl SequenceError {
-    /// For a fault record: stage, cause, register address and the byte found, from the top byte down.
+    /// For a fault record: stage, cause, register address and the byte found, from the top byte
+    /// down.
     pub const fn detail(&self) -> u32 {
         u32::from_be_bytes([
             self.stage as u8,

@@ -103,7 +103,8 @@ impl PlantConfig {
         let shortest_m = 0.1;
         let cable = self.cable.axial_stiffness_n / shortest_m;
         let reference = self.friction.coulomb_n + 6.0 * self.friction.per_load;
-        // Stiffness of the virgin Maxwell-slip contact: the mean of 1/distance is 2.08 (friction.rs).
+        // Stiffness of the virgin Maxwell-slip contact: the mean of 1/distance is 2.08
+        // (friction.rs).
         let contact = 2.1 * reference * self.friction.breakaway_ratio / self.friction.presliding_m;
         let modes = [
             (

@@ -1,8 +1,9 @@
-//! Physical effects beyond the rig of [`crate::config`]: for experiments in which the plant does what a
-//! model of it does not say. All are off by default.
+//! Physical effects beyond the rig of [`crate::config`]: for experiments in which the plant does
+//! what a model of it does not say. All are off by default.
 //!
-//! One row of the table each: parameters with their ranges, and how the effect enters the places where the physics asks
-//! (`Modifiers`). To add one: a row and a test. Several effects of one kind add up.
+//! One row of the table each: parameters with their ranges, and how the effect enters the places
+//! where the physics asks (`Modifiers`). To add one: a row and a test. Several effects of one kind
+//! add up.
 //!
 //! In TOML, `units` counts from 0 and may be left out for all units:
 //!
@@ -42,8 +43,8 @@ pub enum TonePlace {
     Drive,
 }
 
-/// A row: `Kind(units) { parameters, with ranges } |effect, modifiers| how it enters`. `units` is left out where the effect
-/// is not in a unit.
+/// A row: `Kind(units) { parameters, with ranges } |effect, modifiers| how it enters`. `units` is
+/// left out where the effect is not in a unit.
 macro_rules! effects {
     ($($(#[$doc:meta])* $kind:ident($($units:ident)?) {
         $($(#[$field_doc:meta])* $field:ident: $type:ident $(in $low:literal ..= $high:literal)?,)*
@@ -141,8 +142,9 @@ effects! {
         phase_rad: f64 in -1e3 ..= 1e3,
     } |effect, to| to.periodic.push(effect.clone());
 
-    /// Play between the gear (with the encoder's side of the drive) and the reel. The reel becomes a mass of
-    /// its own; part of the drive's friction moves to its bearing and holds it inside the gap.
+    /// Play between the gear (with the encoder's side of the drive) and the reel. The reel becomes
+    /// a mass of its own; part of the drive's friction moves to its bearing and holds it inside the
+    /// gap.
     Backlash(units) {
         /// Whole play, m of cable, 0 to 0.02.
         gap_m: f64 in 0.0 ..= 0.02,
@@ -241,7 +243,8 @@ effects! {
         TonePlace::Drive => to.drive_tones.push(effect.clone()),
     };
 
-    /// Weight at the tip: adds `mass g` to the force at the tip (and gives the tip way, where it is compliant).
+    /// Weight at the tip: adds `mass g` to the force at the tip (and gives the tip way, where it is
+    /// compliant).
     Payload() {
         /// Mass, kg, 0 to 5.
         mass_kg: f64 in 0.0 ..= 5.0,

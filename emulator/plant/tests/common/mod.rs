@@ -3,7 +3,8 @@
 
 use plant::config::{PathConfig, PlantConfig, SweepPath, UnitConfig};
 
-/// One unit, its cable along x, and a tip that moves back and forth along the cable: the force-gauge experiment.
+/// One unit, its cable along x, and a tip that moves back and forth along the cable: the
+/// force-gauge experiment.
 pub fn gauge(amplitude_m: f64, speed_m_per_s: f64) -> PlantConfig {
     let mut config = PlantConfig::default();
     let center = config.robot.workspace_center_m;

@@ -9,19 +9,20 @@ pub(super) const FULL_SCALE: f64 = 8_388_608.0;
 pub(super) const POWER_UP_NS: f64 = 200_000.0;
 /// CALS to its clearing (seen by drivers).
 pub(super) const CALIBRATION_NS: f64 = 344_000_000.0;
-/// Share of a load that the first six conversions after a start show; a start finds the filter empty. No source at hand gives
-/// shares: the first four were seen with published drivers on a model of this kind, the last two go on to 1.
+/// Share of a load that the first six conversions after a start show; a start finds the filter
+/// empty. No source at hand gives shares: the first four were seen with published drivers on a
+/// model of this kind, the last two go on to 1.
 pub(super) const SETTLING: [f64; 6] = [0.04, 0.25, 0.58, 0.92, 0.98, 0.995];
 /// RC oscillator tolerance.
 pub(super) const CLOCK_TOLERANCE: f64 = 0.03;
-/// Standard deviation of the clock's random walk per conversion, relative; pulled back to its centre, so
-/// that it drifts by about 0.05 %.
+/// Standard deviation of the clock's random walk per conversion, relative; pulled back to its
+/// centre, so that it drifts by about 0.05 %.
 pub(super) const CLOCK_WALK: f64 = 2e-6;
 pub(super) const CLOCK_PULL: f64 = 1e-5;
 /// Zero of an uncalibrated input: standard deviation in codes at gain 128.
 pub(super) const RAW_OFFSET: f64 = 60_000.0;
-/// How far a calibration can miss the zero, in codes: users report steps of 0.5 to 1 % of a 3 kg cell's
-/// range between power-ups.
+/// How far a calibration can miss the zero, in codes: users report steps of 0.5 to 1 % of a 3 kg
+/// cell's range between power-ups.
 pub(super) const CALIBRATION_MISS: f64 = 20_000.0;
 
 impl Nau7802 {
@@ -82,8 +83,8 @@ impl Nau7802 {
         .min()
     }
 
-    /// Does what is due at `t_ns`. `bridge(end_ns, period_ns)` is the filtered bridge signal in V/V for a
-    /// conversion that ends at `end_ns`. True when a result became ready.
+    /// Does what is due at `t_ns`. `bridge(end_ns, period_ns)` is the filtered bridge signal in V/V
+    /// for a conversion that ends at `end_ns`. True when a result became ready.
     pub fn advance(&mut self, t_ns: u64, bridge: impl Fn(u64, f64) -> f64) -> bool {
         if !self.plugged {
             return false;
@@ -139,8 +140,8 @@ impl Nau7802 {
             return FULL_SCALE;
         }
         if self.registers[0] & bit::AVDDS == 0 {
-            // AVDD comes from the chip's own regulator on this board: without it no excitation and no
-            // reference, and the ratio of the two is anything.
+            // AVDD comes from the chip's own regulator on this board: without it no excitation and
+            // no reference, and the ratio of the two is anything.
             return FULL_SCALE;
         }
         // Ratiometric: the bridge is fed from AVDD, which is the reference too.
@@ -222,8 +223,8 @@ impl Nau7802 {
     }
 }
 
-/// The next whole nanosecond. Times are positive; `f64::ceil` is a call of the C library on the oldest x86-64, and this is asked
-/// for hundred thousands of times a second.
+/// The next whole nanosecond. Times are positive; `f64::ceil` is a call of the C library on the
+/// oldest x86-64, and this is asked for hundred thousands of times a second.
 fn ceil(at: f64) -> u64 {
     let whole = at as u64;
     whole + u64::from((whole as f64) < at)

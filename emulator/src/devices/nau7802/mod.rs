@@ -2,25 +2,28 @@
 //!
 //! Properties of the part that this model has, because firmware often handles them wrongly:
 //!
-//! * Start-up: nothing converts before PUD, PUA and CS; PUR comes about 200 us after PUD; the revision reads
-//!   0 until a moment after PUR.
+//! * Start-up: nothing converts before PUD, PUA and CS; PUR comes about 200 us after PUD; the
+//!   revision reads 0 until a moment after PUR.
 //! * The first six conversions after a start settle and DRDY stays quiet for them (section 8.4).
-//! * A calibration writes the coefficients of the channel that is selected, and conversions use those.
-//! * DRDY rises when a result is ready and falls when 0x12 is read. An unread result is replaced without
-//!   notice: the pin stays high and there is no further edge.
+//! * A calibration writes the coefficients of the channel that is selected, and conversions use
+//!   those.
+//! * DRDY rises when a result is ready and falls when 0x12 is read. An unread result is replaced
+//!   without notice: the pin stays high and there is no further edge.
 //! * Reading 0x12 latches all 24 bits; a read while nothing is new returns the old result.
 //! * Register 0x15 reads back only while 0x1B bit 7 is 0 (otherwise the OTP is behind it).
 //! * A change of gain, rate or channel moves the zero until a calibration has run (344 ms), and
 //!   every calibration gives a slightly different zero.
 //! * Its RC clock is up to 3 % off and drifts, so six converters never stay in step.
-//! * Fast read (0x11 bit 6) is 24 data clocks behind the address with no acknowledge slots, 33 clocks in all
-//!   where the plain read takes 54. A standard controller clocks nine per byte and sees it shifted.
+//! * Fast read (0x11 bit 6) is 24 data clocks behind the address with no acknowledge slots, 33
+//!   clocks in all where the plain read takes 54. A standard controller clocks nine per byte and
+//!   sees it shifted.
 //!
-//! Where the datasheet lines at hand leave something open, or drivers that work on silicon contradict them, a variant
-//! of [`Defects`] has the other behaviour: `latches_at_pointer`, `keeps_ready`, `free_runs`, `reports_unsettled`.
+//! Where the datasheet lines at hand leave something open, or drivers that work on silicon
+//! contradict them, a variant of [`Defects`] has the other behaviour: `latches_at_pointer`,
+//! `keeps_ready`, `free_runs`, `reports_unsettled`.
 //!
-//! Not modelled: the second channel's own input (it is open on this board), the temperature sensor's
-//! scale, the OTP's content, CRSD.
+//! Not modelled: the second channel's own input (it is open on this board), the temperature
+//! sensor's scale, the OTP's content, CRSD.
 
 mod conversion;
 mod register_map;
@@ -47,14 +50,16 @@ pub struct Defects {
     pub calibration: bool,
     /// The revision reads as another one.
     pub revision: bool,
-    /// Not a defect but a variant that the datasheet leaves open: the result is latched when the pointer is set to it.
+    /// Not a defect but a variant that the datasheet leaves open: the result is latched when the
+    /// pointer is set to it.
     pub latches_at_pointer: bool,
     /// Another variant: DRDY rises at the end of a calibration, and a start leaves it as it was.
     pub keeps_ready: bool,
-    /// Another variant: conversions need no CS and do not stop with it. Section 9.1 step 5 says that none takes place without; six
-    /// published drivers never set it.
+    /// Another variant: conversions need no CS and do not stop with it. Section 9.1 step 5 says
+    /// that none takes place without; six published drivers never set it.
     pub free_runs: bool,
-    /// Another variant: the six conversions that settle come with DRDY. Linux's driver counts six ready results away.
+    /// Another variant: the six conversions that settle come with DRDY. Linux's driver counts six
+    /// ready results away.
     pub reports_unsettled: bool,
     /// One conversion in so many becomes ready; 0 and 1: each.
     pub one_in: u64,
@@ -126,7 +131,8 @@ pub struct Nau7802 {
     /// Conversions until the filter has settled.
     settling: usize,
     result: i32,
-    /// Number of the result in `result`, of the one in `latch`, and of the last one counted as read.
+    /// Number of the result in `result`, of the one in `latch`, and of the last one counted as
+    /// read.
     result_number: u64,
     latch_number: u64,
     counted_number: u64,
@@ -274,8 +280,8 @@ impl Nau7802 {
         0.5 * self.reference_v() / self.gain() / FULL_SCALE
     }
 
-    /// Input-referred noise in volts RMS: 50 nV at 10 SPS and 150 nV at 80 SPS are the datasheet's at gain
-    /// 128, 300 nV at 320 SPS continues them; a lower gain adds the modulator's own share.
+    /// Input-referred noise in volts RMS: 50 nV at 10 SPS and 150 nV at 80 SPS are the datasheet's
+    /// at gain 128, 300 nV at 320 SPS continues them; a lower gain adds the modulator's own share.
     fn noise_v(&self) -> f64 {
         let at_128 = match self.rate() as u32 {
             10 => 50e-9,

@@ -26,7 +26,8 @@ impl Nau7802 {
             }
             0x13 => (self.latch >> 8) as u8,
             reg::ADCO_B0 => {
-                // Read whole in time: what is latched is still the newest, and was not counted before.
+                // Read whole in time: what is latched is still the newest, and was not counted
+                // before.
                 if self.latch_number == self.result_number
                     && self.counted_number < self.result_number
                 {

@@ -441,8 +441,9 @@ fn a_calibration_writes_the_coefficients_of_the_channel_that_is_selected() {
     assert!((without - code - sign_extend(&[first[0], first[1], first[2]])).abs() < 3_000);
 }
 
-/// What published drivers do that work on silicon: the rate before the analog part, or 600 ms of waiting (TRDY: five samples and
-/// 100 ms at the rate in force); the revision after PUA; ten results read away before the calibration.
+/// What published drivers do that work on silicon: the rate before the analog part, or 600 ms of
+/// waiting (TRDY: five samples and 100 ms at the rate in force); the revision after PUA; ten
+/// results read away before the calibration.
 #[test]
 fn habits_of_drivers_that_work_on_silicon_work_here() {
     for rate_first in [true, false] {

@@ -1,11 +1,13 @@
-//! What the engine's models leave out: a stream that serves a USART needs TRBUFF, and can lock up without it; an SPI
-//! controller that stops.
+//! What the engine's models leave out: a stream that serves a USART needs TRBUFF, and can lock up
+//! without it; an SPI controller that stops.
 //!
-//! RM0433 rev 9 section 15.5.5 and ES0392 rev 15 2.20.4: without bufferable transfers a concurrent transfer can leave the
-//! stream locked. The sheet gives no condition, so this guard takes the strict view: a stream without TRBUFF whose
-//! channel of the multiplexer carries a USART's request is not enabled. A stall that is injected
-//! ([`Injection::StallUsart`](emulator_link::Injection::StallUsart)) locks the stream until it is disabled. While SPI1 is stopped
-//! ([`Injection::StopSpi`](emulator_link::Injection::StopSpi)), CSTART begins nothing.
+//! RM0433 rev 9 section 15.5.5 and ES0392 rev 15 2.20.4: without bufferable transfers a concurrent
+//! transfer can leave the stream locked. The sheet gives no condition, so this guard takes the
+//! strict view: a stream without TRBUFF whose channel of the multiplexer carries a USART's request
+//! is not enabled. A stall that is injected
+//! ([`Injection::StallUsart`](emulator_link::Injection::StallUsart)) locks the stream until it is
+//! disabled. While SPI1 is stopped ([`Injection::StopSpi`](emulator_link::Injection::StopSpi)),
+//! CSTART begins nothing.
 
 use super::peers::Shared;
 use rigless::device::{Level, RequestChange};
@@ -24,7 +26,8 @@ const CSTART: u64 = 1 << 9;
 /// DMAMUX1's input for USART3's transmitter (RM0433 rev 9 table 124).
 const USART3_TX: u8 = 46;
 
-/// Requests that the multiplexer's channels carry, as the guards of multiplexer and controller share them.
+/// Requests that the multiplexer's channels carry, as the guards of multiplexer and controller
+/// share them.
 pub type Routes = Arc<[AtomicU8; STREAMS]>;
 
 /// Whether this input of DMAMUX1 is a U(S)ART's (RM0433 rev 9 table 124).

@@ -1,8 +1,10 @@
-//! I2C1 with wires that have edges, a filter in front and a level that can be held: the engine's controller, kept from sending a START while SDA is low.
+//! I2C1 with wires that have edges, a filter in front and a level that can be held: the engine's
+//! controller, kept from sending a START while SDA is low.
 //!
-//! The engine's own model drives every edge itself and does not know a bus that another device holds. On the part a
-//! START that finds SDA low never leaves: BUSY stands, no flag and no interrupt follows (RM0433 rev 9 section
-//! 47.4.9: the controller waits for a free bus). Clearing PE is the only way out.
+//! The engine's own model drives every edge itself and does not know a bus that another device
+//! holds. On the part a START that finds SDA low never leaves: BUSY stands, no flag and no
+//! interrupt follows (RM0433 rev 9 section 47.4.9: the controller waits for a free bus). Clearing
+//! PE is the only way out.
 
 use super::peers::Shared;
 use rigless::device::{Device, DeviceContext, RegisterFile, RequestChange};
@@ -10,8 +12,9 @@ use rigless::soc::stm32h743::generated::i2c1::{cr1, cr2, isr, Register};
 use rigless::soc::stm32h743::peripherals::i2c::I2c;
 use rigless::time::{EventId, VirtualNanos};
 
-/// What each SCL period takes beyond the engine's count, in nanoseconds: edges of 190 and 20 ns and twice the analog
-/// filter's delay (RM0433 rev 9 section 47.4.9; the datasheet gives the filter 50 to 260 ns, here 100).
+/// What each SCL period takes beyond the engine's count, in nanoseconds: edges of 190 and 20 ns and
+/// twice the analog filter's delay (RM0433 rev 9 section 47.4.9; the datasheet gives the filter 50
+/// to 260 ns, here 100).
 const EDGES_AND_FILTER_NS: u64 = 190 + 20 + 2 * 100;
 
 /// Kernel clock until the clock tree says otherwise (the engine's own value), in hertz.

@@ -1,9 +1,10 @@
-//! The independent watchdog of the STM32H7 (RM0433 rev 9 chapter 45), which the engine does not model.
+//! The independent watchdog of the STM32H7 (RM0433 rev 9 chapter 45), which the engine does not
+//! model.
 //!
-//! Keys (section 45.4.1): 0xCCCC starts the counter from 0xFFF and turns the LSI on, 0xAAAA reloads it from RLR,
-//! 0x5555 opens PR, RLR and WINR until the next other key. The three cross into the LSI's domain in up to five
-//! LSI periods, shown by PVU, RVU and WVU (45.4.4). At zero, or on a reload while the counter is above WINR,
-//! the part resets; the engine's RCC then sets IWDG1RSTF.
+//! Keys (section 45.4.1): 0xCCCC starts the counter from 0xFFF and turns the LSI on, 0xAAAA reloads
+//! it from RLR, 0x5555 opens PR, RLR and WINR until the next other key. The three cross into the
+//! LSI's domain in up to five LSI periods, shown by PVU, RVU and WVU (45.4.4). At zero, or on a
+//! reload while the counter is above WINR, the part resets; the engine's RCC then sets IWDG1RSTF.
 
 use rigless::device::{Device, DeviceContext, Level, RegisterFile};
 use rigless::soc::stm32h743::generated::iwdg::{pr, rlr, winr, Register};

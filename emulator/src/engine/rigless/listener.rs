@@ -1,9 +1,10 @@
 //! The readers of requests; each receives only the requests that can reach it.
 //!
-//! The engine announces every change of every request line to some thirty instances, and each finds out by
-//! comparing names that it is not meant. A byte that DMA brings to a serial line is eight such changes, so a
-//! board that streams spends most of the host's time there. The wiring is fixed (RM0433 rev 9 section 17.3),
-//! so the receiver of each request is known in advance: the models stay the engine's, the filter is in front.
+//! The engine announces every change of every request line to some thirty instances, and each finds
+//! out by comparing names that it is not meant. A byte that DMA brings to a serial line is eight
+//! such changes, so a board that streams spends most of the host's time there. The wiring is fixed
+//! (RM0433 rev 9 section 17.3), so the receiver of each request is known in advance: the models
+//! stay the engine's, the filter is in front.
 
 use super::dma_guard::{Guard, Routes};
 use super::peers::Shared;
@@ -81,8 +82,8 @@ impl Receives {
     }
 }
 
-/// Whether input `id` of DMAMUX1 is a timer's (RM0433 rev 9 table 124; the gaps between a timer's own
-/// inputs are let through).
+/// Whether input `id` of DMAMUX1 is a timer's (RM0433 rev 9 table 124; the gaps between a timer's
+/// own inputs are let through).
 const fn timer_input(id: usize) -> bool {
     matches!(id, 11..=32 | 47..=60 | 69..=70 | 105..=112)
 }
@@ -105,8 +106,8 @@ impl fmt::Debug for Listener {
     }
 }
 
-/// Every reader of requests as a power-on or a system reset leaves it, but the clock controller, which the
-/// part keeps. `peer` hangs on the interface of its name.
+/// Every reader of requests as a power-on or a system reset leaves it, but the clock controller,
+/// which the part keeps. `peer` hangs on the interface of its name.
 pub fn fresh(peer: (&'static str, impl Peer + 'static), board: &Shared) -> Vec<Listener> {
     let mut all = Vec::new();
     let mut add = |instance, model: Box<dyn ErasedDevice + Send>, receives| {
@@ -341,7 +342,8 @@ mod tests {
         }
     }
 
-    /// The way of a byte from memory to USART3 (input 46 of table 124) on stream 1, change by change.
+    /// The way of a byte from memory to USART3 (input 46 of table 124) on stream 1, change by
+    /// change.
     #[test]
     fn a_byte_by_dma_reaches_its_receiver_only() {
         let steps = [

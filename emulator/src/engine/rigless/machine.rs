@@ -13,8 +13,8 @@ use std::num::{NonZeroU32, NonZeroU64};
 /// Name of the machine.
 pub const NAME: &str = "NUCLEO-H753ZI force board";
 
-/// Instructions retired in a second of virtual time: one every 4 ns. A Cortex-M7 at 400 MHz retires 0.5 to
-/// 1.2 a cycle; with 0.63 the figures lean to the slow side.
+/// Instructions retired in a second of virtual time: one every 4 ns. A Cortex-M7 at 400 MHz retires
+/// 0.5 to 1.2 a cycle; with 0.63 the figures lean to the slow side.
 pub const INSTRUCTIONS_PER_SECOND: NonZeroU64 = armv7m::INSTRUCTIONS_PER_SECOND;
 
 /// Nanoseconds an instruction takes.
@@ -38,8 +38,8 @@ const fn register(offset: u64, reset: u32, writable: u32) -> armv7m::Implementat
     }
 }
 
-/// Access control registers of PM0253 tables 104 to 109: ITCMCR (64 KiB), DTCMCR (128 KiB), AHBPCR, CACR, AHBSCR,
-/// ABFSR.
+/// Access control registers of PM0253 tables 104 to 109: ITCMCR (64 KiB), DTCMCR (128 KiB), AHBPCR,
+/// CACR, AHBSCR, ABFSR.
 const ACCESS_CONTROL: [armv7m::ImplementationRegister; 6] = [
     register(0xF90, 0b0111 << 3, 0b0111),
     register(0xF94, 0b1000 << 3, 0b0111),

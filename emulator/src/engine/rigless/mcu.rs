@@ -1,7 +1,8 @@
-//! The controller: the engine's STM32H743 with the board on its pins and a watchdog, a holdable I2C bus and a
-//! USB core with a host in the slots that need another model than the engine's.
+//! The controller: the engine's STM32H743 with the board on its pins and a watchdog, a holdable I2C
+//! bus and a USB core with a host in the slots that need another model than the engine's.
 //!
-//! The STM32H753 of the Nucleo differs from the H743 by its crypto processors only, which nothing here uses.
+//! The STM32H753 of the Nucleo differs from the H743 by its crypto processors only, which nothing
+//! here uses.
 
 use super::i2c::HeldI2c;
 use super::iwdg::Iwdg;
@@ -169,7 +170,8 @@ impl RigMcu {
         Ok(mcu)
     }
 
-    /// Applies the levels that the board drives to the pins, and requests a wake-up at the board's next event.
+    /// Applies the levels that the board drives to the pins, and requests a wake-up at the board's
+    /// next event.
     fn sync(&mut self, now: VirtualNanos) {
         let (drives, next) = {
             let mut board = self.board.lock();
@@ -232,8 +234,9 @@ impl RigMcu {
         }
     }
 
-    /// The core switched the HSE on while its clock stands still: it does not become ready (RM0433 section 8.5.2). The
-    /// engine's model has an HSE that always does, so it is told that the HSE stays off.
+    /// The core switched the HSE on while its clock stands still: it does not become ready (RM0433
+    /// section 8.5.2). The engine's model has an HSE that always does, so it is told that the HSE
+    /// stays off.
     fn hse_switched(&mut self, now: VirtualNanos) {
         let control = self.part.bus().slots()[self.slots.rcc]
             .registers()
@@ -269,7 +272,8 @@ impl RigMcu {
         Ok(())
     }
 
-    /// The option bytes, which the part loads at each reset: brown-out level 3, as docs/bring-up.md has it set, unless one was injected.
+    /// The option bytes, which the part loads at each reset: brown-out level 3, as docs/bring-up.md
+    /// has it set, unless one was injected.
     fn load_option_bytes(&mut self) {
         let level = u64::from(self.board.lock().brown_out_level());
         let registers = (self.part.bus_mut())
@@ -345,7 +349,8 @@ impl RigMcu {
         self.check_functions();
     }
 
-    /// Pins in a wrong alternate function would carry nothing on the part; the engine does not look.
+    /// Pins in a wrong alternate function would carry nothing on the part; the engine does not
+    /// look.
     fn check_functions(&mut self) {
         if self.functions_checked {
             return;

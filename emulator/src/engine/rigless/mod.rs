@@ -1,8 +1,9 @@
 //! The engine: the crate `rigless`, a Cortex-M7 and an STM32H743 in Rust.
 //!
-//! It runs the core on a thread of its own and calls back; this module inverts the control. The engine's thread waits
-//! at each stop for the next command and reports its progress, so that the rig steps the engine like any
-//! other object and both sides take turns on the [`Board`](crate::board::Board).
+//! It runs the core on a thread of its own and calls back; this module inverts the control. The
+//! engine's thread waits at each stop for the next command and reports its progress, so that the
+//! rig steps the engine like any other object and both sides take turns on the
+//! [`Board`](crate::board::Board).
 
 mod dma_guard;
 mod i2c;
@@ -280,8 +281,9 @@ impl Turns {
         Ok(Vec::new())
     }
 
-    /// The ECC of AXI SRAM works on words of 64 bits and keeps the last one back until another is accessed (RM0433 rev 9
-    /// section 2.4), so a reset right after a write loses it. The worst case: the last word of the crash record is gone.
+    /// The ECC of AXI SRAM works on words of 64 bits and keeps the last one back until another is
+    /// accessed (RM0433 rev 9 section 2.4), so a reset right after a write loses it. The worst
+    /// case: the last word of the crash record is gone.
     fn lose_last_word(&self, host: &mut dyn Host) {
         let Some(record) = &self.crash_record else {
             return;

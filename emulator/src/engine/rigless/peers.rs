@@ -1,4 +1,5 @@
-//! The far ends of the controller's buses, as the engine's traits want them: thin, the board does the work.
+//! The far ends of the controller's buses, as the engine's traits want them: thin, the board does
+//! the work.
 
 use crate::board::Board;
 use rigless::chip::{i2c, spi, uart, Timeline};
@@ -6,7 +7,8 @@ use rigless::snapshot::Store;
 use rigless::time::VirtualNanos;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The board, shared between the engine's thread and the rig's. They take turns, so a lock never waits.
+/// The board, shared between the engine's thread and the rig's. They take turns, so a lock never
+/// waits.
 #[derive(Debug, Clone)]
 pub struct Shared(Arc<Mutex<Board>>);
 

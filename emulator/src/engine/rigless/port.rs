@@ -1,8 +1,10 @@
-//! A port without interrupts: the counters' strobes and data bus, which carry most of the pin traffic.
+//! A port without interrupts: the counters' strobes and data bus, which carry most of the pin
+//! traffic.
 //!
-//! The engine's own port announces every change of a pin to every instance that might listen, which costs more
-//! than the rest of a counter's read. Nothing listens to these two ports: no EXTI line, no chip select. This
-//! model keeps what is left (RM0433 rev 9 section 11.4): modes, output levels, BSRR, IDR. LCKR is not modelled.
+//! The engine's own port announces every change of a pin to every instance that might listen, which
+//! costs more than the rest of a counter's read. Nothing listens to these two ports: no EXTI line,
+//! no chip select. This model keeps what is left (RM0433 rev 9 section 11.4): modes, output levels,
+//! BSRR, IDR. LCKR is not modelled.
 
 use rigless::device::{Device, DeviceContext, RegisterFile};
 use rigless::soc::stm32h743::generated::gpioa::Register;

@@ -1,4 +1,5 @@
-//! Code that replaces an exception's handler until the next reset, for faults of the core that the engine has no input for.
+//! Code that replaces an exception's handler until the next reset, for faults of the core that the
+//! engine has no input for.
 //!
 //! The vector table's entry is changed, not the handler: the core may stand within it.
 
@@ -28,7 +29,8 @@ const NMI: [u16; 8] = [
     0xED04, 0xE000, // .word 0xE000ED04
 ];
 
-/// The access, with the address that it needs in R0. The undefined instruction ends it where the MPU does not.
+/// The access, with the address that it needs in R0. The undefined instruction ends it where the
+/// MPU does not.
 fn forbidden(access: Forbidden) -> Vec<u16> {
     let (code, address) = match access {
         // mov sp, r0; push {r0}: in the guard at the bottom of the stack
@@ -46,11 +48,12 @@ fn forbidden(access: Forbidden) -> Vec<u16> {
     vec![load, code[0], code[1], undefined, low, high]
 }
 
-/// The registers of the interrupted code that the processor has put on the stack, in that order (PM0253 figure 12).
+/// The registers of the interrupted code that the processor has put on the stack, in that order
+/// (PM0253 figure 12).
 const STACKED: [u8; 8] = [0, 1, 2, 3, 12, 14, 15, 16];
 
-/// Flips the bit of the interrupted code's register unless that is done, then goes to `handler`. R0 to R3 and R12 are free
-/// here; LR is left as it is.
+/// Flips the bit of the interrupted code's register unless that is done, then goes to `handler`. R0
+/// to R3 and R12 are free here; LR is left as it is.
 fn flip(what: CoreBit, handler: u32) -> Result<Vec<u16>, String> {
     let CoreBit { register, bit, .. } = what;
     let flip: [u16; 3] = match STACKED.iter().position(|stacked| *stacked == register) {

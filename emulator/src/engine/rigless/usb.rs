@@ -1,8 +1,10 @@
-//! The second USB core on the engine's bus: `emulator-usb`'s core and host in the place of the engine's registers.
+//! The second USB core on the engine's bus: `emulator-usb`'s core and host in the place of the
+//! engine's registers.
 //!
-//! The engine describes three blocks of the core, stores what is written there, and has nothing behind the FIFOs. The
-//! blocks get other tables of registers here, with a row for each word, and [`Block`] passes every access on. The
-//! FIFOs answer at their first word, which is where drivers access them.
+//! The engine describes three blocks of the core, stores what is written there, and has nothing
+//! behind the FIFOs. The blocks get other tables of registers here, with a row for each word, and
+//! [`Block`] passes every access on. The FIFOs answer at their first word, which is where drivers
+//! access them.
 
 use emulator_usb::core::registers::{ENDPOINTS, FIFO, FIFO_SPACING, PCGCCTL};
 use emulator_usb::{Core, Host};
@@ -73,7 +75,8 @@ pub struct Usb {
     touched: bool,
 }
 
-/// [`Usb`], shared between the engine's thread and the rig's. They take turns, so a lock never waits.
+/// [`Usb`], shared between the engine's thread and the rig's. They take turns, so a lock never
+/// waits.
 #[derive(Debug, Clone, Default)]
 pub struct SharedUsb(Arc<Mutex<Usb>>);
 
@@ -208,8 +211,9 @@ impl ErasedDevice for Block {
     fn on_refused(&mut self, _: u64, _: &mut RegisterFile, _: &mut DeviceContext<'_>) {}
 }
 
-/// The other slots: on a bus of their own while the engine's are on the part's, and the other way round. At a reset the
-/// engine compares the part's bus with its own description, so its slots have to be back then.
+/// The other slots: on a bus of their own while the engine's are on the part's, and the other way
+/// round. At a reset the engine compares the part's bus with its own description, so its slots have
+/// to be back then.
 #[derive(Debug)]
 pub struct Replacement {
     other: Bus,

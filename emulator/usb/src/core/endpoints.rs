@@ -1,4 +1,5 @@
-//! One endpoint in one direction: its control register, transfer size and interrupts (sections 57.14.53 to 57.14.67).
+//! One endpoint in one direction: its control register, transfer size and interrupts (sections
+//! 57.14.53 to 57.14.67).
 
 use super::registers::{bit, EP_STORED};
 
@@ -113,7 +114,8 @@ impl Endpoint {
     /// A packet of `bytes` was transferred. Whether it was the last of the count.
     pub fn transferred(&mut self, number: usize, bytes: usize) -> bool {
         let mask = if number == 0 { 0x7F } else { 0x7_FFFF };
-        // Two bits for IN endpoint 0 (57.14.56). OUT endpoint 0 has one, which ends with a short packet all the same.
+        // Two bits for IN endpoint 0 (57.14.56). OUT endpoint 0 has one, which ends with a short
+        // packet all the same.
         let packet_mask = if number == 0 { 0x3 } else { 0x3FF };
         let left = (self.size & mask).saturating_sub(bytes as u32);
         let packets = self.packets_left().wrapping_sub(1) & packet_mask;

@@ -76,8 +76,8 @@ impl ReceiveFifo {
         self.entries.push_back((entry, words.collect()));
     }
 
-    /// Takes the next entry; its data follow by [`Self::read_word`]. Also the number of words of the entry before it that
-    /// nobody read.
+    /// Takes the next entry; its data follow by [`Self::read_word`]. Also the number of words of
+    /// the entry before it that nobody read.
     pub fn pop(&mut self) -> (Option<Entry>, usize) {
         let lost = self.open.len();
         let Some((entry, words)) = self.entries.pop_front() else {

@@ -1,4 +1,5 @@
-//! The OTG core in device mode, register by register (RM0433 rev 9 chapter 57; product ID 0x2300, release 3.30a).
+//! The OTG core in device mode, register by register (RM0433 rev 9 chapter 57; product ID 0x2300,
+//! release 3.30a).
 //!
 //! | Behaviour | Source |
 //! |---|---|
@@ -14,8 +15,9 @@
 //! | A packet is written to its FIFO without another access between its words | ChibiOS, libopencm3 issue 531, embassy pull request 2823 |
 //! | STALL of endpoint 0 is cleared by SETUP; a data PID is set by SD0PID and SD1PID only | 57.14.53 |
 //!
-//! Not modelled: DMA, high speed, isochronous transfers, LPM, remote wake-up, host mode, the ULPI interface. An access to
-//! their registers is stored. A register that the core does not have is reported by [`Core::take_complaints`].
+//! Not modelled: DMA, high speed, isochronous transfers, LPM, remote wake-up, host mode, the ULPI
+//! interface. An access to their registers is stored. A register that the core does not have is
+//! reported by [`Core::take_complaints`].
 
 mod endpoints;
 mod fifo;
@@ -137,7 +139,8 @@ impl Core {
         self.complaints.push((format!("OTG2_HS.{place}"), what));
     }
 
-    /// What the driver did that the core does not allow: place and description. Each is reported once by this call.
+    /// What the driver did that the core does not allow: place and description. Each is reported
+    /// once by this call.
     pub fn take_complaints(&mut self) -> Vec<(String, String)> {
         std::mem::take(&mut self.complaints)
     }
@@ -164,7 +167,8 @@ impl Core {
         bits
     }
 
-    /// DAINT: one bit for each endpoint whose unmasked interrupts are pending, OUT endpoints from bit 16.
+    /// DAINT: one bit for each endpoint whose unmasked interrupts are pending, OUT endpoints from
+    /// bit 16.
     fn endpoint_interrupts(&self) -> u32 {
         let (in_mask, out_mask) = (self.stored(DIEPMSK), self.stored(DOEPMSK));
         let empty_mask = self.stored(DIEPEMPMSK);
@@ -216,7 +220,8 @@ impl Core {
         }
     }
 
-    /// What a read would give where it has no effect; `None`: no register, or a read that takes something.
+    /// What a read would give where it has no effect; `None`: no register, or a read that takes
+    /// something.
     #[must_use]
     pub fn peek(&self, offset: u32) -> Option<u32> {
         Some(match offset {
@@ -286,7 +291,8 @@ impl Core {
 
     fn reset_written(&mut self, value: u32) {
         if value & bit::CSRST != 0 {
-            // Section 57.14.5: the core keeps the selection of the transceiver, DCFG's speed and the power control.
+            // Section 57.14.5: the core keeps the selection of the transceiver, DCFG's speed and
+            // the power control.
             let kept = [GUSBCFG, GCCFG, DCFG, GAHBCFG, GOTGCTL].map(|at| (at, self.stored(at)));
             self.reset_registers();
             for (at, value) in kept {
@@ -395,8 +401,8 @@ impl Core {
         self.filling = (self.transmit[fifo].words() < needed).then_some(number);
     }
 
-    /// An access to anything else while a packet is being written corrupts it (ES of several parts; ChibiOS, libopencm3 issue
-    /// 531, embassy pull request 2823).
+    /// An access to anything else while a packet is being written corrupts it (ES of several parts;
+    /// ChibiOS, libopencm3 issue 531, embassy pull request 2823).
     fn interrupts_filling(&mut self, offset: u32, write: bool) {
         let Some(number) = self.filling else {
             return;

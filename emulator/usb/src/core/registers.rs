@@ -1,4 +1,5 @@
-//! Offsets and bits of the core's registers in device mode (RM0433 rev 9 sections 57.14.1 to 57.14.67).
+//! Offsets and bits of the core's registers in device mode (RM0433 rev 9 sections 57.14.1 to
+//! 57.14.67).
 
 /// OTG control and status.
 pub const GOTGCTL: u32 = 0x000;

@@ -9,7 +9,8 @@ fn ctl(base: u32, number: u32) -> u32 {
     base + 0x20 * number + EP_CTL
 }
 
-/// Powered, connected, reset by the host, endpoint 0 ready; bulk endpoint 2 in both directions with 64 bytes.
+/// Powered, connected, reset by the host, endpoint 0 ready; bulk endpoint 2 in both directions with
+/// 64 bytes.
 fn ready() -> Core {
     let mut core = Core::new();
     core.set_vbus(true);

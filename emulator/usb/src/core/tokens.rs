@@ -4,7 +4,8 @@ use super::fifo::{Entry, Packet};
 use super::registers::{bit, DCTL, GCCFG, GOTGCTL, GRXFSIZ, GUSBCFG};
 use super::Core;
 
-/// Words of the receive FIFO that data never use: SETUP packets, "SETUP done" and "transfer completed" (57.11.3).
+/// Words of the receive FIFO that data never use: SETUP packets, "SETUP done" and "transfer
+/// completed" (57.11.3).
 const RESERVED_WORDS: usize = 13;
 
 /// What the core answers to an OUT or SETUP packet.
@@ -52,8 +53,8 @@ impl Core {
         self.vbus && self.stored(GCCFG) & bit::VBDEN != 0
     }
 
-    /// Whether the pull-up on D+ shows a full-speed device: transceiver on, device mode, session valid, no soft
-    /// disconnect.
+    /// Whether the pull-up on D+ shows a full-speed device: transceiver on, device mode, session
+    /// valid, no soft disconnect.
     #[must_use]
     pub fn pull_up(&self) -> bool {
         self.stored(GCCFG) & bit::PWRDWN != 0
@@ -115,7 +116,8 @@ impl Core {
         }
     }
 
-    /// Whether the core would respond to an OUT packet of `length` bytes with something else than NAK.
+    /// Whether the core would respond to an OUT packet of `length` bytes with something else than
+    /// NAK.
     #[must_use]
     pub fn responds_out(&self, address: u8, number: usize, length: usize) -> bool {
         let endpoint = &self.outs[number];

@@ -154,7 +154,8 @@ impl Transfer {
         }
     }
 
-    /// Whether a transaction has a point now: the device would not answer NAK, or it was not asked yet.
+    /// Whether a transaction has a point now: the device would not answer NAK, or it was not asked
+    /// yet.
     pub fn is_ready(&self, core: &Core, address: u8) -> bool {
         !self.asked
             || match self.stage {
@@ -305,7 +306,8 @@ impl Host {
         }
     }
 
-    /// The host's own data PIDs follow the requests that reset the device's (USB 2.0 sections 9.1.1.5 and 9.4.5).
+    /// The host's own data PIDs follow the requests that reset the device's (USB 2.0 sections
+    /// 9.1.1.5 and 9.4.5).
     fn follow(&mut self, request: &Request) {
         match (request.kind, request.request) {
             (0x00, 9) => {

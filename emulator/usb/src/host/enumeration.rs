@@ -1,4 +1,5 @@
-//! Enumeration and the CDC-ACM class driver: which requests follow on which, and what is kept of the answers.
+//! Enumeration and the CDC-ACM class driver: which requests follow on which, and what is kept of
+//! the answers.
 
 use super::control::{Outcome, Request, Transfer};
 use super::{Host, Phase, Pipe, ADDRESS_NS, ATTEMPTS, MS};
@@ -148,7 +149,8 @@ impl Enumeration {
 }
 
 impl Host {
-    /// The next control transfer, if none is under way: the enumeration's, the port's, then those that were asked for.
+    /// The next control transfer, if none is under way: the enumeration's, the port's, then those
+    /// that were asked for.
     pub(super) fn start_next(&mut self, _core: &mut Core) {
         if self.transfer.is_some() {
             return;
@@ -175,7 +177,8 @@ impl Host {
         self.device.is_some() && self.opening.is_none() && self.wants_open != self.open
     }
 
-    /// The request that opens or closes the port: line coding 2,000,000 8N1 and DTR with RTS, or neither.
+    /// The request that opens or closes the port: line coding 2,000,000 8N1 and DTR with RTS, or
+    /// neither.
     fn port_request(&mut self) -> Option<Transfer> {
         if !self.wants_port_request() {
             return None;

@@ -1,15 +1,17 @@
 //! The host at the other end of the cable: host controller, USB stack and the CDC-ACM class driver.
 //!
-//! It does what hosts do in the order of USB 2.0 section 9.1.2: debounce, reset, the first eight bytes of the device
-//! descriptor, a second reset, SET_ADDRESS, all descriptors, SET_CONFIGURATION. The class driver then opens the port:
-//! SET_LINE_CODING and SET_CONTROL_LINE_STATE (PSTN 1.2 section 6.3). Bytes go by the bulk pipes while the port is open.
+//! It does what hosts do in the order of USB 2.0 section 9.1.2: debounce, reset, the first eight
+//! bytes of the device descriptor, a second reset, SET_ADDRESS, all descriptors, SET_CONFIGURATION.
+//! The class driver then opens the port: SET_LINE_CODING and SET_CONTROL_LINE_STATE (PSTN 1.2
+//! section 6.3). Bytes go by the bulk pipes while the port is open.
 //!
-//! One transaction at a time is on the bus. It takes the bits of its packets and the overhead of USB 2.0 table 5-9 at 12
-//! Mbit/s. A token that the device would answer with NAK is not repeated again and again: the host waits until the answer
-//! is another one, which is what a host that repeats it without pause sees, some microseconds later.
+//! One transaction at a time is on the bus. It takes the bits of its packets and the overhead of
+//! USB 2.0 table 5-9 at 12 Mbit/s. A token that the device would answer with NAK is not repeated
+//! again and again: the host waits until the answer is another one, which is what a host that
+//! repeats it without pause sees, some microseconds later.
 //!
-//! Tests use [`Host::request`] for any control transfer, [`Host::write_packet`] for packets of any length, and the
-//! switches for cable, suspend, reading and opening.
+//! Tests use [`Host::request`] for any control transfer, [`Host::write_packet`] for packets of any
+//! length, and the switches for cable, suspend, reading and opening.
 
 mod bus;
 mod control;

@@ -1,6 +1,7 @@
 //! The thesis's tension controllers and ours on the same plant, seeds, setpoints and tip motion.
 //!
-//! Without the board's firmware: control core and plant directly, converters and delays as in `control/tests/common/rig.rs`.
+//! Without the board's firmware: control core and plant directly, converters and delays as in
+//! `control/tests/common/rig.rs`.
 
 mod picture;
 mod thesis;

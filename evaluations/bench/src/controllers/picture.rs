@@ -7,7 +7,8 @@ const HUES: [usize; 4] = [1, 4, 5, 0];
 /// Part of the time around the reversal, s.
 const WINDOW_S: (f64, f64) = (-0.3, 0.9);
 
-/// The first clear reversal: the reel turns one way for 0.3 s before it and the other way for 0.3 s after it.
+/// The first clear reversal: the reel turns one way for 0.3 s before it and the other way for 0.3 s
+/// after it.
 fn reversal_s(trace: &[[f64; 3]]) -> Option<f64> {
     let clear = |part: &[[f64; 3]], sign: f64| part.iter().all(|point| point[2] * sign > 0.0);
     // A point a millisecond. At the reversal itself the reel rests for a moment.
@@ -22,7 +23,8 @@ fn reversal_s(trace: &[[f64; 3]]) -> Option<f64> {
         .map(|at| trace[at][0])
 }
 
-/// Draws `traces` (name; time in s, error in N, reel speed in rad/s) around a reversal of the last one.
+/// Draws `traces` (name; time in s, error in N, reel speed in rad/s) around a reversal of the last
+/// one.
 pub fn reversal(traces: &[(&str, &[[f64; 3]])]) -> String {
     let mut scene = Scene::new(720.0, 420.0);
     let at = traces.last().and_then(|(_, trace)| reversal_s(trace));

@@ -1,7 +1,8 @@
-//! The thesis's tension controller (3.6): five-tap mean, PID without damping, friction by the sign of the reel's speed.
+//! The thesis's tension controller (3.6): five-tap mean, PID without damping, friction by the sign
+//! of the reel's speed.
 //!
-//! The thesis gives the parts and no numbers for the gains: they are searched for on the plant ([`super::tune`]), so that
-//! what is compared is the structure and not somebody's tuning.
+//! The thesis gives the parts and no numbers for the gains: they are searched for on the plant
+//! ([`super::tune`]), so that what is compared is the structure and not somebody's tuning.
 
 use super::rig::{Rig, Sample, STEP_US};
 use std::collections::VecDeque;
@@ -15,7 +16,8 @@ const VOLTS_PER_N: f64 = 282.22 * 20.0 / 65_536.0;
 const RAVEN_STEP_N: f64 = 0.1;
 /// Period in which the sensor board sends all six readings together: 320 Hz (thesis 3.3).
 const RAVEN_PERIOD_STEPS: u64 = 3_125 / STEP_US;
-/// From the sensor board's reading to the DAC: a transfer to the PC and one cycle of the Raven's 1 kHz loop, each 1 ms.
+/// From the sensor board's reading to the DAC: a transfer to the PC and one cycle of the Raven's 1
+/// kHz loop, each 1 ms.
 const RAVEN_LATENCY_STEPS: u64 = 2_000 / STEP_US;
 /// From a conversion to the DAC on a board of its own: as on ours, 0.2 ms.
 const BOARD_LATENCY_STEPS: u64 = 200 / STEP_US;
@@ -25,9 +27,11 @@ const LIMIT_N: f64 = 16.0;
 /// Where the loop is closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Path {
-    /// Through the Raven's software: all six cells read together, commands in whole N mm (thesis 3.6.1).
+    /// Through the Raven's software: all six cells read together, commands in whole N mm (thesis
+    /// 3.6.1).
     Raven,
-    /// On a board of its own: each unit when its converter is ready, commands in DAC steps (thesis 3.6.2).
+    /// On a board of its own: each unit when its converter is ready, commands in DAC steps (thesis
+    /// 3.6.2).
     Board,
 }
 
@@ -40,8 +44,8 @@ pub struct Gains {
     pub ki: f64,
     /// Newton of command per newton a second.
     pub kd: f64,
-    /// Part of the declared friction that is added with the sign of the speed, 0 to 1. All of it makes a limit cycle: the sign
-    /// changes with every count of the encoder at rest.
+    /// Part of the declared friction that is added with the sign of the speed, 0 to 1. All of it
+    /// makes a limit cycle: the sign changes with every count of the encoder at rest.
     pub friction: f64,
 }
 

@@ -80,8 +80,9 @@ impl SolveTimes {
     }
 }
 
-/// Times of the solves of a control loop, as [`force::controller::Controller`] has them: the tip moves on a circle of
-/// 50 mm and the force turns with it, at 100 Hz, and each solve knows the active set of the one before.
+/// Times of the solves of a control loop, as [`force::controller::Controller`] has them: the tip
+/// moves on a circle of 50 mm and the force turns with it, at 100 Hz, and each solve knows the
+/// active set of the one before.
 ///
 /// # Errors
 /// [`AllocationError`] where a case can't be solved at all.
@@ -92,7 +93,8 @@ pub fn cycle_times(cycles: u32, seed: u64) -> Result<SolveTimes, AllocationError
     times(&mut allocator, problems)
 }
 
-/// Times of solves without a solution before them, of random cases with forces within reach and not.
+/// Times of solves without a solution before them, of random cases with forces within reach and
+/// not.
 ///
 /// # Errors
 /// [`AllocationError`] where a case can't be solved at all.
@@ -139,11 +141,13 @@ pub struct PathSteps {
     pub largest_step_n: f64,
     /// The thesis's formulation, the solver started anywhere within the bounds each time.
     pub thesis_largest_step_n: f64,
-    /// Largest distance between the two formulations' forces at the tip: both apply the commanded force.
+    /// Largest distance between the two formulations' forces at the tip: both apply the commanded
+    /// force.
     pub force_difference_n: f64,
 }
 
-/// Walks the tip once around a 50 mm circle while the force turns, in 400 steps, and compares neighbours.
+/// Walks the tip once around a 50 mm circle while the force turns, in 400 steps, and compares
+/// neighbours.
 ///
 /// # Errors
 /// [`AllocationError`] where a case can't be solved at all.

@@ -1,11 +1,12 @@
-//! The thesis's formulation as it stands (3.7): `|A T - F|^2` within the bounds, no tie-break. Its minimisers
-//! are a whole polytope, and which one a numerical solver returns depends on where it starts. Here for
-//! comparison only.
+//! The thesis's formulation as it stands (3.7): `|A T - F|^2` within the bounds, no tie-break. Its
+//! minimisers are a whole polytope, and which one a numerical solver returns depends on where it
+//! starts. Here for comparison only.
 
 use force::allocation::Problem;
 use wire::UNITS;
 
-/// Projected gradient descent from `start` (N) until the tensions stand still: one of the minimisers.
+/// Projected gradient descent from `start` (N) until the tensions stand still: one of the
+/// minimisers.
 #[must_use]
 pub fn solve(problem: &Problem, start: [f64; UNITS]) -> [f64; UNITS] {
     let mut tension = start;

@@ -1,4 +1,5 @@
-//! Friction of the drive and the cable guide. All take away from the tension while the reel winds in (velocity > 0).
+//! Friction of the drive and the cable guide. All take away from the tension while the reel winds
+//! in (velocity > 0).
 
 use crate::parameters::{Draw, Parameters, Scene};
 use crate::world::{interpolate, World};
@@ -7,9 +8,9 @@ use std::f64::consts::PI;
 /// Range of a Coulomb level in N.
 const COULOMB: [f64; 2] = [0.02, 1.0];
 
-/// The Stribeck curve: `fc + (fs - fc) exp(-|v/vs|^delta)` (Bo and Pavelescu 1982, "The friction-speed relation and
-/// its influence on the critical velocity of stick-slip motion", Wear 82; `delta = 1` is Tustin 1947,
-/// `delta = 2` Armstrong-Helouvry 1991).
+/// The Stribeck curve: `fc + (fs - fc) exp(-|v/vs|^delta)` (Bo and Pavelescu 1982, "The
+/// friction-speed relation and its influence on the critical velocity of stick-slip motion", Wear
+/// 82; `delta = 1` is Tustin 1947, `delta = 2` Armstrong-Helouvry 1991).
 pub fn stribeck(speed: f64, fc: f64, fs: f64, vs: f64, delta: f64) -> f64 {
     fc + (fs - fc) * (-(speed.abs() / vs).powf(delta)).exp()
 }
@@ -25,8 +26,9 @@ pub fn held_sign(world: &World) -> impl Iterator<Item = f64> + '_ {
     })
 }
 
-/// Coulomb 1785: a force of constant magnitude against the motion. At rest it keeps its last sign, which is the limit
-/// of a Dahl model with a short presliding distance; before the first motion it is 0.
+/// Coulomb 1785: a force of constant magnitude against the motion. At rest it keeps its last sign,
+/// which is the limit of a Dahl model with a short presliding distance; before the first motion it
+/// is 0.
 pub fn coulomb(p: &Parameters, world: &World, tension: &mut [f64]) {
     let fc = p.get("fc");
     for (t, sign) in tension.iter_mut().zip(held_sign(world)) {
@@ -39,9 +41,10 @@ pub fn draw_coulomb(draw: &mut Draw, _: &Scene) {
     draw.scaled("fc", "N", COULOMB[0], COULOMB[1]);
 }
 
-/// Euler 1769 and Eytelwein 1808, the capstan: a cable that slides over a guide with wrap angle `phi` and friction
-/// coefficient `mu` leaves it with `exp(-mu phi sgn(v))` times its tension. Kaneko, Yamashita and Tanie 1991 and
-/// Palli and Melchiorri 2006 use it for tendons. At rest the sign is held.
+/// Euler 1769 and Eytelwein 1808, the capstan: a cable that slides over a guide with wrap angle
+/// `phi` and friction coefficient `mu` leaves it with `exp(-mu phi sgn(v))` times its tension.
+/// Kaneko, Yamashita and Tanie 1991 and Palli and Melchiorri 2006 use it for tendons. At rest the
+/// sign is held.
 pub fn capstan(p: &Parameters, world: &World, tension: &mut [f64]) {
     let exponent = p.get("mu") * p.get("phi");
     for (t, sign) in tension.iter_mut().zip(held_sign(world)) {
@@ -49,7 +52,8 @@ pub fn capstan(p: &Parameters, world: &World, tension: &mut [f64]) {
     }
 }
 
-/// Draws [`capstan`]. PTFE on steel has a friction coefficient of about 0.04, steel on brass of about 0.3.
+/// Draws [`capstan`]. PTFE on steel has a friction coefficient of about 0.04, steel on brass of
+/// about 0.3.
 pub fn draw_capstan(draw: &mut Draw, _: &Scene) {
     draw.scaled("mu", "-", 0.01, 0.3);
     draw.uniform("phi", "rad", 0.5 * PI, 3.0 * PI);
@@ -68,8 +72,9 @@ pub fn draw_viscous(draw: &mut Draw, _: &Scene) {
     draw.scaled("b", "N s/rad", 0.002, 0.2);
 }
 
-/// Viscous friction that grows with the load: `b (1 + kappa u) v`, with the commanded force `u` as load (Waiboer,
-/// Aarts and Jonker 2005 and Bittencourt and Gunnarsson 2012 find such a dependence on load in robot joints).
+/// Viscous friction that grows with the load: `b (1 + kappa u) v`, with the commanded force `u` as
+/// load (Waiboer, Aarts and Jonker 2005 and Bittencourt and Gunnarsson 2012 find such a dependence
+/// on load in robot joints).
 pub fn viscous_load(p: &Parameters, world: &World, tension: &mut [f64]) {
     let (b, kappa) = (p.get("b"), p.get("kappa"));
     for ((t, v), u) in tension.iter_mut().zip(&world.velocity).zip(&world.command) {
@@ -83,8 +88,8 @@ pub fn draw_viscous_load(draw: &mut Draw, _: &Scene) {
     draw.log("kappa", "1/N", 0.1, 1.0);
 }
 
-/// Viscous friction of a lubricant that thins with temperature: `b exp(-beta (T - 25)) v` (Reynolds 1886; for robot
-/// joints Bittencourt and Gunnarsson 2012, who find a halving over about 20 K).
+/// Viscous friction of a lubricant that thins with temperature: `b exp(-beta (T - 25)) v` (Reynolds
+/// 1886; for robot joints Bittencourt and Gunnarsson 2012, who find a halving over about 20 K).
 pub fn viscous_temperature(p: &Parameters, world: &World, tension: &mut [f64]) {
     let (b, beta) = (p.get("b"), p.get("beta"));
     for ((t, v), temperature) in tension
@@ -102,8 +107,9 @@ pub fn draw_viscous_temperature(draw: &mut Draw, _: &Scene) {
     draw.uniform("beta", "1/K", 0.02, 0.06);
 }
 
-/// Dahl 1968, "A solid friction model", and 1976: `dF/dx = (fc/d) |1 - (F/fc) sgn v|^i sgn(1 - (F/fc) sgn v)`, where
-/// `d = fc/sigma` is the presliding distance. Each step is integrated in closed form.
+/// Dahl 1968, "A solid friction model", and 1976:
+/// `dF/dx = (fc/d) |1 - (F/fc) sgn v|^i sgn(1 - (F/fc) sgn v)`, where `d = fc/sigma` is the
+/// presliding distance. Each step is integrated in closed form.
 pub fn dahl(p: &Parameters, world: &World, tension: &mut [f64]) {
     let (fc, d, i) = (p.get("fc"), p.get("d"), p.get("i"));
     let mut h: f64 = 0.0;
@@ -113,7 +119,8 @@ pub fn dahl(p: &Parameters, world: &World, tension: &mut [f64]) {
     }
 }
 
-/// The Dahl state `F/fc` after a displacement `dx`, from `h`. With `g = 1 - h sgn(dx)`: `dg/ds = -g^i`, `s = |dx|/d`.
+/// The Dahl state `F/fc` after a displacement `dx`, from `h`. With `g = 1 - h sgn(dx)`:
+/// `dg/ds = -g^i`, `s = |dx|/d`.
 pub fn dahl_step(h: f64, dx: f64, d: f64, i: f64) -> f64 {
     if dx == 0.0 {
         return h;
@@ -140,9 +147,9 @@ pub fn draw_dahl(draw: &mut Draw, _: &Scene) {
     draw.choice("i", "-", &[1.0, 1.0, 0.5, 1.5, 2.0]);
 }
 
-/// LuGre: Canudas de Wit, Olsson, Astrom and Lischinsky 1995, "A new model for control of systems with friction",
-/// IEEE TAC 40(3): `dz/dt = v - sigma0 |v| z / g(v)`, `F = sigma0 z + sigma1 dz/dt + sigma2 v`, with `g` the
-/// [`stribeck`] curve. `sigma0 = fc/d`.
+/// LuGre: Canudas de Wit, Olsson, Astrom and Lischinsky 1995, "A new model for control of systems
+/// with friction", IEEE TAC 40(3): `dz/dt = v - sigma0 |v| z / g(v)`,
+/// `F = sigma0 z + sigma1 dz/dt + sigma2 v`, with `g` the [`stribeck`] curve. `sigma0 = fc/d`.
 pub fn lugre(p: &Parameters, world: &World, tension: &mut [f64]) {
     let (fc, fs, vs, d) = (p.get("fc"), p.get("fs"), p.get("vs"), p.get("d"));
     let (sigma0, sigma1, sigma2) = (fc / d, p.get("sigma1"), p.get("sigma2"));
@@ -169,14 +176,15 @@ pub fn draw_lugre(draw: &mut Draw, _: &Scene) {
     draw.scaled_ratio("sigma2", "N s/rad", fc, COULOMB, [0.0, 0.1]);
 }
 
-/// The seven-parameter model of Armstrong-Helouvry, Dupont and Canudas de Wit 1994, "A survey of models, analysis
-/// tools and compensation methods for the control of machines with friction", Automatica 30(7), with the exponential
-/// of Bo and Pavelescu for the Stribeck part.
+/// The seven-parameter model of Armstrong-Helouvry, Dupont and Canudas de Wit 1994, "A survey of
+/// models, analysis tools and compensation methods for the control of machines with friction",
+/// Automatica 30(7), with the exponential of Bo and Pavelescu for the Stribeck part.
 ///
 /// - Presliding: a spring, `F = kt x`, with `kt = fs_inf/d`, until `F` reaches the static friction.
 /// - Static friction that rises with the dwell time `t2` in presliding:
 ///   `fs = fs_a + (fs_inf - fs_a) t2 / (t2 + gamma)`.
-/// - Sliding: `F = [fc + (fs - fc) exp(-|v(t - tau_l)/vs|^delta)] sgn(v) + fv v`, with the frictional memory `tau_l`.
+/// - Sliding: `F = [fc + (fs - fc) exp(-|v(t - tau_l)/vs|^delta)] sgn(v) + fv v`, with the
+///   frictional memory `tau_l`.
 pub fn armstrong(p: &Parameters, world: &World, tension: &mut [f64]) {
     let (fc, fv, fs_a, fs_inf) = (p.get("fc"), p.get("fv"), p.get("fs_a"), p.get("fs_inf"));
     let (vs, delta, gamma) = (p.get("vs"), p.get("delta"), p.get("gamma"));
@@ -205,8 +213,8 @@ pub fn armstrong(p: &Parameters, world: &World, tension: &mut [f64]) {
     }
 }
 
-/// Draws [`armstrong`]. Ranges of `tau_l` (1 ms to 50 ms) and `gamma` (0 s to 200 s) from the survey's table of
-/// parameters, `gamma` cut to what a run of a minute can show.
+/// Draws [`armstrong`]. Ranges of `tau_l` (1 ms to 50 ms) and `gamma` (0 s to 200 s) from the
+/// survey's table of parameters, `gamma` cut to what a run of a minute can show.
 pub fn draw_armstrong(draw: &mut Draw, _: &Scene) {
     let fc = draw.scaled("fc", "N", COULOMB[0], COULOMB[1]);
     draw.scaled_ratio("fs_a", "N", fc, COULOMB, [1.0, 1.2]);
@@ -222,10 +230,11 @@ pub fn draw_armstrong(draw: &mut Draw, _: &Scene) {
 /// Elements of [`maxwell_slip`].
 const ELEMENTS: usize = 8;
 
-/// Generalised Maxwell-slip: Al-Bender, Lampaert and Swevers 2005, "The generalized Maxwell-slip model", IEEE TAC
-/// 50(11). Parallel elements, each with a share `alpha = 1/8` of the friction: sticking `dF/dx = k`, until
-/// `|F| = alpha s(v)`; then slipping `dF/dt = sgn(v) C (alpha - |F|/s(v))`, until the velocity reverses. `s(v)` is the
-/// [`stribeck`] curve. The distances at which the elements break away are log-spaced from `d_min` to `d_max`.
+/// Generalised Maxwell-slip: Al-Bender, Lampaert and Swevers 2005, "The generalized Maxwell-slip
+/// model", IEEE TAC 50(11). Parallel elements, each with a share `alpha = 1/8` of the friction:
+/// sticking `dF/dx = k`, until `|F| = alpha s(v)`; then slipping
+/// `dF/dt = sgn(v) C (alpha - |F|/s(v))`, until the velocity reverses. `s(v)` is the [`stribeck`]
+/// curve. The distances at which the elements break away are log-spaced from `d_min` to `d_max`.
 pub fn maxwell_slip(p: &Parameters, world: &World, tension: &mut [f64]) {
     let (fc, fs, vs, delta) = (p.get("fc"), p.get("fs"), p.get("vs"), p.get("delta"));
     let (d_min, d_max, attraction) = (p.get("d_min"), p.get("d_max"), p.get("c"));
@@ -276,9 +285,9 @@ pub fn draw_maxwell_slip(draw: &mut Draw, _: &Scene) {
     draw.scaled_ratio("c", "N/s", fc, COULOMB, [10.0, 200.0]);
 }
 
-/// Bouc 1967 and Wen 1976, "Method for random vibration of hysteretic systems": the hysteretic part `F = fh z` with
-/// `d dz/dx = 1 - |z|^n (gamma + beta sgn(v z))`, `gamma = 1 - beta`, so that `|z|` stays below 1. Integrated with the
-/// midpoint rule in substeps of at most a tenth of `d`.
+/// Bouc 1967 and Wen 1976, "Method for random vibration of hysteretic systems": the hysteretic part
+/// `F = fh z` with `d dz/dx = 1 - |z|^n (gamma + beta sgn(v z))`, `gamma = 1 - beta`, so that `|z|`
+/// stays below 1. Integrated with the midpoint rule in substeps of at most a tenth of `d`.
 pub fn bouc_wen(p: &Parameters, world: &World, tension: &mut [f64]) {
     let fh = p.get("fh");
     for (t, z) in tension.iter_mut().zip(bouc_wen_state(p, world)) {

@@ -31,7 +31,8 @@ pub enum Stage {
 pub struct Equivalence {
     /// Names, of this catalogue where it has the effect, else as textbooks have it.
     pub names: &'static [&'static str],
-    /// `exact`: the same equation in the stated case. `close`: the same up to a part that may stay below the noise.
+    /// `exact`: the same equation in the stated case. `close`: the same up to a part that may stay
+    /// below the noise.
     pub kind: &'static str,
     /// The case in which it holds, and why.
     pub reason: &'static str,
@@ -114,8 +115,8 @@ const fn same(
 
 const NO_OTHER_NAME: &[Equivalence] = &[];
 
-/// The catalogue as a Markdown table, with the ranges for a travel of 1.5 rad and commands of 1 N to 13 N. The page
-/// `docs/residual/literature-sets.md` holds it.
+/// The catalogue as a Markdown table, with the ranges for a travel of 1.5 rad and commands of 1 N
+/// to 13 N. The page `docs/residual/literature-sets.md` holds it.
 pub fn table() -> String {
     let scene = Scene {
         rate_hz: 100.0,

@@ -9,7 +9,8 @@ use std::f64::consts::TAU;
 /// Reference temperature of the load cell in degrees Celsius.
 pub const REFERENCE_C: f64 = 25.0;
 
-/// A second-order lag, `y'' + 2 zeta omega y' + omega^2 y = omega^2 x`, exact for inputs that are linear between steps.
+/// A second-order lag, `y'' + 2 zeta omega y' + omega^2 y = omega^2 x`, exact for inputs that are
+/// linear between steps.
 #[derive(Clone, Copy, Debug)]
 pub struct SecondOrder {
     omega: f64,
@@ -50,8 +51,8 @@ impl SecondOrder {
     }
 }
 
-/// First-order lag of the sensor (any text on measurement, for example Doebelin 2003, "Measurement Systems"):
-/// `tau y' + y = F`. Exact for signals that are linear between steps.
+/// First-order lag of the sensor (any text on measurement, for example Doebelin 2003, "Measurement
+/// Systems"): `tau y' + y = F`. Exact for signals that are linear between steps.
 pub fn lag_first(p: &Parameters, world: &World, signal: &mut [f64]) {
     let tau = p.get("tau") * 1e-3;
     if tau <= 0.0 {
@@ -107,8 +108,9 @@ pub fn draw_delay(draw: &mut Draw, _: &Scene) {
     draw.scaled("tau", "ms", 1.0, 100.0);
 }
 
-/// Two loggers with clocks of different rate (Mills 1991, "Internet time synchronization": offset, skew and drift of
-/// clocks). Both start together; at the time `t` of the log the force was taken at `t + skew t + drift t^2/2`.
+/// Two loggers with clocks of different rate (Mills 1991, "Internet time synchronization": offset,
+/// skew and drift of clocks). Both start together; at the time `t` of the log the force was taken
+/// at `t + skew t + drift t^2/2`.
 pub fn clock_skew(p: &Parameters, world: &World, signal: &mut [f64]) {
     let (skew, drift) = (p.get("skew") * 1e-6, p.get("drift") * 1e-6 / 60.0);
     let old = signal.to_vec();
@@ -124,9 +126,10 @@ pub fn draw_clock_skew(draw: &mut Draw, _: &Scene) {
     draw.scaled_ratio("drift", "ppm/min", skew, [-10_000.0, 10_000.0], [-0.3, 0.3]);
 }
 
-/// Creep of the load cell: OIML R 60 (2017) defines it as the change of the output under constant load and tests it
-/// with the return to zero. Anelastic relaxation with two time constants (Zener 1948, "Elasticity and Anelasticity of Metals"):
-/// `y = F + a1 x1 + a2 x2`, `tau x' + x = F`. The cell is unloaded before the run starts.
+/// Creep of the load cell: OIML R 60 (2017) defines it as the change of the output under constant
+/// load and tests it with the return to zero. Anelastic relaxation with two time constants (Zener
+/// 1948, "Elasticity and Anelasticity of Metals"): `y = F + a1 x1 + a2 x2`, `tau x' + x = F`. The
+/// cell is unloaded before the run starts.
 pub fn creep(p: &Parameters, world: &World, signal: &mut [f64]) {
     let (a1, a2) = (p.get("a1") * 1e-2, p.get("a2") * 1e-2);
     let (k1, k2) = (
@@ -141,7 +144,8 @@ pub fn creep(p: &Parameters, world: &World, signal: &mut [f64]) {
     }
 }
 
-/// Draws [`creep`]. OIML class C cells creep by less than about 0.03 % of the load in 30 min, cheap ones by 0.1 %.
+/// Draws [`creep`]. OIML class C cells creep by less than about 0.03 % of the load in 30 min, cheap
+/// ones by 0.1 %.
 pub fn draw_creep(draw: &mut Draw, _: &Scene) {
     let a1 = draw.signed("a1", "% of load", 0.01, 0.3);
     draw.scaled_ratio("a2", "% of load", a1, [-0.3, 0.3], [0.3, 1.5]);
@@ -149,8 +153,8 @@ pub fn draw_creep(draw: &mut Draw, _: &Scene) {
     draw.log("tau2", "s", 60.0, 600.0);
 }
 
-/// Nonlinearity of the load cell's characteristic (OIML R 60; VDI/VDE/DKD 2638), as polynomial of the load over the
-/// full scale `fs` = 15 N: `y = F + fs [c2 (F/fs)^2 + c3 (F/fs)^3]`.
+/// Nonlinearity of the load cell's characteristic (OIML R 60; VDI/VDE/DKD 2638), as polynomial of
+/// the load over the full scale `fs` = 15 N: `y = F + fs [c2 (F/fs)^2 + c3 (F/fs)^3]`.
 pub fn nonlinearity(p: &Parameters, _: &World, signal: &mut [f64]) {
     let (c2, c3) = (p.get("c2") * 1e-2, p.get("c3") * 1e-2);
     for s in signal.iter_mut() {
@@ -174,7 +178,8 @@ pub fn temperature_zero(p: &Parameters, world: &World, signal: &mut [f64]) {
     }
 }
 
-/// Draws [`temperature_zero`]. 0.02 % of 15 N over 10 K are 0.3 mN/K; uncompensated bridges have ten times as much.
+/// Draws [`temperature_zero`]. 0.02 % of 15 N over 10 K are 0.3 mN/K; uncompensated bridges have
+/// ten times as much.
 pub fn draw_temperature_zero(draw: &mut Draw, _: &Scene) {
     draw.signed("z", "mN/K", 0.1, 10.0);
 }
@@ -193,8 +198,9 @@ pub fn draw_temperature_span(draw: &mut Draw, _: &Scene) {
     draw.signed("s", "%/K", 0.001, 0.05);
 }
 
-/// Crosstalk from the loads of two neighbour channels (Webster 1999, "The Measurement, Instrumentation and Sensors
-/// Handbook"; data sheets of multiplexed amplifiers): `y = F + c1 n1 + c2 n2`.
+/// Crosstalk from the loads of two neighbour channels (Webster 1999, "The Measurement,
+/// Instrumentation and Sensors Handbook"; data sheets of multiplexed amplifiers):
+/// `y = F + c1 n1 + c2 n2`.
 pub fn crosstalk(p: &Parameters, world: &World, signal: &mut [f64]) {
     let (c1, c2) = (p.get("c1") * 1e-2, p.get("c2") * 1e-2);
     for (i, s) in signal.iter_mut().enumerate() {
@@ -208,9 +214,9 @@ pub fn draw_crosstalk(draw: &mut Draw, _: &Scene) {
     draw.scaled_ratio("c2", "%", c1, [-3.0, 3.0], [-0.8, 0.8]);
 }
 
-/// Saturation of the amplifier (Doebelin 2003): the output stays at `reference - depth`, with the largest
-/// reading of the set without effects as reference. It also clips the noise, so
-/// readings at the limit repeat exactly.
+/// Saturation of the amplifier (Doebelin 2003): the output stays at `reference - depth`, with the
+/// largest reading of the set without effects as reference. It also clips the noise, so readings at
+/// the limit repeat exactly.
 pub fn clipping(p: &Parameters, _: &World, signal: &mut [f64]) {
     let level = clipping_level(p);
     for s in signal.iter_mut() {
@@ -229,8 +235,8 @@ pub fn draw_clipping(draw: &mut Draw, scene: &Scene) {
     draw.scaled("depth", "N", 0.1, 5.0);
 }
 
-/// Mains pick-up (Horowitz and Hill 2015, "The Art of Electronics"): a tone at 50 Hz or 60 Hz or twice that, sampled
-/// without a filter. The phase differs from run to run.
+/// Mains pick-up (Horowitz and Hill 2015, "The Art of Electronics"): a tone at 50 Hz or 60 Hz or
+/// twice that, sampled without a filter. The phase differs from run to run.
 pub fn mains(p: &Parameters, world: &World, signal: &mut [f64]) {
     let (a, f) = (p.get("a"), p.get("nominal") * (1.0 + p.get("detune")));
     let phase = Random::new(world.seed, "mains").uniform(0.0, TAU);

@@ -10,7 +10,8 @@ use std::f64::consts::TAU;
 /// Step of the grid of the tests in s.
 pub const DT: f64 = 1e-3;
 
-/// A run of `seconds` with a velocity in rad/s and a command in N over the time in s; 25 degrees, no neighbours.
+/// A run of `seconds` with a velocity in rad/s and a command in N over the time in s; 25 degrees,
+/// no neighbours.
 pub fn world(seconds: f64, velocity: impl Fn(f64) -> f64, command: impl Fn(f64) -> f64) -> World {
     let n = (seconds / DT).round() as usize;
     let time = |i: usize| i as f64 * DT;
@@ -65,7 +66,8 @@ pub fn friction(name: &str, values: &[(&str, f64)], world: &World) -> Vec<f64> {
         .collect()
 }
 
-/// Amplitude of a signal at an order of a phase (cycles for each `TAU` of the phase), by correlation.
+/// Amplitude of a signal at an order of a phase (cycles for each `TAU` of the phase), by
+/// correlation.
 pub fn amplitude(signal: &[f64], phase: &[f64], order: f64) -> f64 {
     let sum = |f: fn(f64) -> f64| {
         signal

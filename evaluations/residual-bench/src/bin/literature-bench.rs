@@ -1,4 +1,5 @@
-//! `literature-bench`: runs the analysis on sets of the literature generator and prints rates beside the goals.
+//! `literature-bench`: runs the analysis on sets of the literature generator and prints rates
+//! beside the goals.
 
 use evaluation::clap::{self, Parser};
 use evaluation::{command_line, seeds, write, Progress};
@@ -27,7 +28,8 @@ by the command below; don't edit.
 group* is the first effect with those that the report says cannot be distinguished from it.
 ";
 
-/// Runs the residual analysis on sets of evaluations/literature-sets and prints rates beside the goals.
+/// Runs the residual analysis on sets of evaluations/literature-sets and prints rates beside the
+/// goals.
 #[derive(Parser)]
 #[command(name = "literature-bench")]
 struct Options {

@@ -1,4 +1,5 @@
-//! `real-bench`: runs the analysis on public measured data sets and prints what it found beside what is known.
+//! `real-bench`: runs the analysis on public measured data sets and prints what it found beside
+//! what is known.
 
 use evaluation::clap::{self, Parser};
 use evaluation::write;
@@ -10,12 +11,13 @@ use std::process::ExitCode;
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Runs the residual analysis on public measured data sets and prints what it found beside what is known of each machine.
+/// Runs the residual analysis on public measured data sets and prints what it found beside what is
+/// known of each machine.
 #[derive(Parser)]
 #[command(name = "real-bench")]
 struct Request {
-    /// Folder with clones of the repositories: dvrk_dynamics_identification, laas_anti_cogging, dynamic_calibration,
-    /// mis-tool-characterization; those that are not there are left out.
+    /// Folder with clones of the repositories: dvrk_dynamics_identification, laas_anti_cogging,
+    /// dynamic_calibration, mis-tool-characterization; those that are not there are left out.
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     /// Only cases whose name contains this.

@@ -1,8 +1,8 @@
 //! What counts as right on sets of the literature generator. All rules for that are in this file.
 //!
-//! A name is right for an effect if it stands for the effect itself, for a name that `truth.json` calls the same force
-//! (`exact`), for a part that the effect contains, or for an alternative that was fitted to the effect on these data and
-//! left less than half of the noise.
+//! A name is right for an effect if it stands for the effect itself, for a name that `truth.json`
+//! calls the same force (`exact`), for a part that the effect contains, or for an alternative that
+//! was fitted to the effect on these data and left less than half of the noise.
 
 use literature_sets::effects::Equivalence;
 use literature_sets::set::{Missing, Set};
@@ -15,7 +15,8 @@ const ALIKE: f64 = 0.5;
 /// How a result relates to the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Class {
-    /// A true effect comes first, or is in the group that comes first; for empty sets: `none`; for outside ones: `unknown`.
+    /// A true effect comes first, or is in the group that comes first; for empty sets: `none`; for
+    /// outside ones: `unknown`.
     Right,
     /// Something is said to be missing, but not what.
     Unknown,
@@ -107,7 +108,8 @@ pub fn is_there(kind: EffectKind, set: &Set) -> bool {
     set.missing.iter().any(|m| is(kind, m)) || in_noise(kind, set)
 }
 
-/// Whether a report says that an effect it names cannot be distinguished from one that is in the set.
+/// Whether a report says that an effect it names cannot be distinguished from one that is in the
+/// set.
 #[must_use]
 pub fn is_grouped(kind: EffectKind, report: &Report, set: &Set) -> bool {
     let groups = report.not_identifiable.iter();
@@ -196,8 +198,8 @@ impl Covered {
         (self.interval[0]..=self.interval[1]).contains(&self.found)
     }
 
-    /// Distance of the truth from the middle of the interval, in half widths of it. Its median is 0.34 where intervals of 95 % are
-    /// exact and errors are normal.
+    /// Distance of the truth from the middle of the interval, in half widths of it. Its median is
+    /// 0.34 where intervals of 95 % are exact and errors are normal.
     #[must_use]
     pub fn distance(&self) -> f64 {
         let [low, high] = self.interval;
@@ -217,8 +219,8 @@ const DRY: [&str; 8] = [
     "bouc-wen-load",
 ];
 
-/// Parameters whose equation is the same in generator and analysis. Where two effects of a set have dry friction, only their
-/// sum can be known, and none of them is compared.
+/// Parameters whose equation is the same in generator and analysis. Where two effects of a set have
+/// dry friction, only their sum can be known, and none of them is compared.
 #[must_use]
 pub fn covered(report: &Report, set: &Set) -> Vec<Covered> {
     let mut out = Vec::new();

@@ -1,7 +1,8 @@
-//! The analysis on sets of `literature_sets`: a generator whose effects, equations and ranges come from the
-//! literature and from nobody who has read the analysis.
+//! The analysis on sets of `literature_sets`: a generator whose effects, equations and ranges come
+//! from the literature and from nobody who has read the analysis.
 //!
-//! * [`judge`]: which names of the analysis are right for which effect, and which parameters are compared;
+//! * [`judge`]: which names of the analysis are right for which effect, and which parameters are
+//!   compared;
 //! * [`table`]: rates beside the goals.
 
 pub mod judge;
@@ -18,7 +19,8 @@ use residual::spec::Spec;
 use residual::Report;
 use std::time::Instant;
 
-/// Row rates of the sets in Hz, in turn by seed. No tone of the mains lies at a multiple of one of them.
+/// Row rates of the sets in Hz, in turn by seed. No tone of the mains lies at a multiple of one of
+/// them.
 const RATES_HZ: [f64; 3] = [65.0, 90.0, 130.0];
 
 /// What a set is there to test.
@@ -124,7 +126,8 @@ pub struct Outcome {
     pub found: Vec<String>,
     /// Those of them that are not in the set, nor said to be indistinguishable from one that is.
     pub wrong: Vec<String>,
-    /// Those of them that are not in the set, but are said to be indistinguishable from one that is.
+    /// Those of them that are not in the set, but are said to be indistinguishable from one that
+    /// is.
     pub grouped: Vec<String>,
     /// Structure without a name, the largest first.
     pub structure: Vec<String>,
@@ -136,7 +139,8 @@ pub struct Outcome {
     pub seconds: f64,
 }
 
-/// Makes a set, has it analysed, and compares. `None` if an effect cannot have the size on this motion.
+/// Makes a set, has it analysed, and compares. `None` if an effect cannot have the size on this
+/// motion.
 ///
 /// # Errors
 /// The analysis's own message with the set's name: no set should lead to one.

@@ -145,7 +145,8 @@ pub fn text(all: &[Outcome]) -> String {
     out
 }
 
-/// How wide the intervals are beside the errors: says more than the share that holds the truth, where intervals are few.
+/// How wide the intervals are beside the errors: says more than the share that holds the truth,
+/// where intervals are few.
 fn distances(all: &[Outcome]) -> String {
     let covered = all.iter().flat_map(|o| &o.covered);
     let mut distances: Vec<f64> = covered.map(judge::Covered::distance).collect();

@@ -1,7 +1,8 @@
 //! The analysis on public measured data sets, each with what is known about its physics.
 //!
-//! The data sets are not part of this project. `real-bench --data DIR` takes a folder with clones of the repositories that
-//! `models/cases.toml` names; cases without their folder are left out and counted.
+//! The data sets are not part of this project. `real-bench --data DIR` takes a folder with clones
+//! of the repositories that `models/cases.toml` names; cases without their folder are left out and
+//! counted.
 //!
 //! * [`case`]: the list of cases and what counts as right in each;
 //! * [`table`]: the results as Markdown.
@@ -32,7 +33,8 @@ pub struct Outcome {
     pub report: Report,
     /// Effects found.
     pub found: Vec<Named>,
-    /// Whether the frozen model with the found effects is not worse than the declared one on the check data; `None` without.
+    /// Whether the frozen model with the found effects is not worse than the declared one on the
+    /// check data; `None` without.
     pub holds: Option<bool>,
 }
 

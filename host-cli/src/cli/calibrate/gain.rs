@@ -25,23 +25,28 @@ pub struct Gain {
     /// Units to calibrate [default: all that are enabled]
     #[arg(long, value_name = "N", num_args = 1..)]
     unit: Vec<u8>,
-    /// Readings of one unit (CSV: weight_g, code, standard_error, ...) instead of reading the rig; `-`: standard input
+    /// Readings of one unit (CSV: weight_g, code, standard_error, ...) instead of reading the rig;
+    /// `-`: standard input
     #[arg(long, value_name = "FILE")]
     readings: Option<PathBuf>,
-    /// Serial number of the cell that is weighed: has to be that of the store, or is entered where the store has none
+    /// Serial number of the cell that is weighed: has to be that of the store, or is entered where
+    /// the store has none
     #[arg(long, value_name = "SERIAL", value_parser = serials::parse)]
     cell: Option<String>,
-    /// Weights that are hung, g [default: 10 20 50 100 200 500 1000; with --iso-376 100 200 300 500 600 700 800 1000]
+    /// Weights that are hung, g
+    /// [default: 10 20 50 100 200 500 1000; with --iso-376 100 200 300 500 600 700 800 1000]
     #[arg(long, value_name = "GRAM", num_args = 1.., value_parser = weight)]
     weights: Vec<f64>,
-    /// The procedure of ISO 376: three preloads, two rising series, a rising and a falling one in each of two further mountings of
-    /// the cell, creep over 300 s; 40 minutes for each cell. Prints its figures and the class
+    /// The procedure of ISO 376: three preloads, two rising series, a rising and a falling one in
+    /// each of two further mountings of the cell, creep over 300 s; 40 minutes for each cell.
+    /// Prints its figures and the class
     #[arg(long = "iso-376", conflicts_with_all = ["rounds", "creep"])]
     iso376: bool,
     /// Times that the weights are put on and taken off
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=20))]
     rounds: u8,
-    /// Time for which the largest weight is left on at the end, and off again, to see creep; 0: not at all
+    /// Time for which the largest weight is left on at the end, and off again, to see creep; 0: not
+    /// at all
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = super::super::values::seconds_or_zero)]
     creep: f64,
     /// Accept gains that are far from the stored ones: units or cells were exchanged

@@ -17,10 +17,12 @@ use std::path::PathBuf;
 /// Arguments of `calibrate geometry`.
 #[derive(Debug, Args)]
 pub struct Geometry {
-    /// Points (CSV: label, x_mm, y_mm, z_mm, station) instead of a guided session; `-`: standard input
+    /// Points (CSV: label, x_mm, y_mm, z_mm, station) instead of a guided session; `-`: standard
+    /// input
     #[arg(long, value_name = "FILE")]
     points: Option<PathBuf>,
-    /// Holes of the robot's base from the CAD model (CSV: label, x_mm, y_mm, z_mm) [default: those of the emulated rig]
+    /// Holes of the robot's base from the CAD model (CSV: label, x_mm, y_mm, z_mm)
+    /// [default: those of the emulated rig]
     #[arg(long, value_name = "FILE")]
     base: Option<PathBuf>,
     /// Standard deviation of the digitizer in one coordinate, mm

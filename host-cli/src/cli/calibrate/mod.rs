@@ -1,4 +1,5 @@
-//! `forcectl calibrate`: from weights, a digitizer and a moving tip to a rig that is known, and how well.
+//! `forcectl calibrate`: from weights, a digitizer and a moving tip to a rig that is known, and how
+//! well.
 //!
 //! | file | what it holds |
 //! | --- | --- |
@@ -45,10 +46,12 @@ struct ByHand {
     /// Begin anew instead of going on with what is kept of a step that was broken off
     #[arg(long)]
     restart: bool,
-    /// Ask nothing: with a file of readings or points, or on an emulated rig, where a stand-in does what the user does
+    /// Ask nothing: with a file of readings or points, or on an emulated rig, where a stand-in does
+    /// what the user does
     #[arg(long)]
     yes: bool,
-    /// Mistake of the stand-in: weight=50:500 (500 g is hung for 50 g, once), bump=B:3 (station B is bumped by 3 mm); repeatable
+    /// Mistake of the stand-in: weight=50:500 (500 g is hung for 50 g, once), bump=B:3 (station B
+    /// is bumped by 3 mm); repeatable
     #[arg(long, value_name = "MISTAKE")]
     inject: Vec<Mistake>,
     /// Folder for the pictures of the residuals
@@ -59,8 +62,8 @@ struct ByHand {
 }
 
 impl ByHand {
-    /// Refuses what only a stand-in can do on a rig without one. `file`: the option that gives the readings from a file, and who
-    /// would have to be there without it.
+    /// Refuses what only a stand-in can do on a rig without one. `file`: the option that gives the
+    /// readings from a file, and who would have to be there without it.
     fn check(&self, emulated: bool, file: (&str, &str)) -> Result<()> {
         let (option, nobody) = file;
         let wrong = match (emulated, self.yes, self.inject.is_empty()) {
@@ -169,8 +172,8 @@ impl Bench {
         Ok(Self { rig, store, record })
     }
 
-    /// The same for a step that drives the rig or stores what it measures of it: refuses one of which a part was exchanged since its
-    /// bring-up.
+    /// The same for a step that drives the rig or stores what it measures of it: refuses one of
+    /// which a part was exchanged since its bring-up.
     fn tested(connection: &Connection, context: &Context) -> Result<Self> {
         let bench = Self::load(connection, context)?;
         connection.require_unchanged(&bench.rig, context)?;

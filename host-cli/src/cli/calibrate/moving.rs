@@ -1,4 +1,5 @@
-//! `calibrate self` and `calibrate verify`: what a run with the robot moving says of the calibration.
+//! `calibrate self` and `calibrate verify`: what a run with the robot moving says of the
+//! calibration.
 
 use super::super::connection::Connection;
 use super::super::exit::{self, Failure, Reply, Result};
@@ -231,8 +232,8 @@ pub struct Verify {
     /// Time for which each is held
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = values::seconds)]
     duration: f64,
-    /// Standard deviation of a coordinate of the robot's tip, mm [default: position_sd_mm of `[pose]`
-    /// in the rig file, else what is usual for its source]
+    /// Standard deviation of a coordinate of the robot's tip, mm
+    /// [default: position_sd_mm of `[pose]` in the rig file, else what is usual for its source]
     #[arg(long, value_name = "MM", value_parser = values::pose_sd_mm)]
     pose_sd: Option<f64>,
     /// Folder for the picture
@@ -446,7 +447,8 @@ impl Verify {
             let measured = steady.iter().map(|s| s.estimated_n).sum::<Vector3<f64>>() / count;
             let off = (measured - h.commanded_n).norm();
             let stated = h.outcome.uncertainty.as_ref().map(|u| u.radius_95_n);
-            // The truth is the plant's; what is compared with it is what the load cells said at the same time.
+            // The truth is the plant's; what is compared with it is what the load cells said at the
+            // same time.
             let truth = metrics
                 .from_truth
                 .then(|| (metrics.applied_n - measured).norm());

@@ -155,7 +155,8 @@ pub struct Use {
 }
 
 impl Use {
-    /// Runs the command. It opens no link, and does not read the calibration in force, which may be damaged.
+    /// Runs the command. It opens no link, and does not read the calibration in force, which may be
+    /// damaged.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
         self.connection.require_rig_file(&rig)?;

@@ -28,7 +28,8 @@ pub struct Command {
     /// Serial number of its converter
     #[arg(long, value_name = "SERIAL", requires = "unit", value_parser = serials::parse)]
     converter: Option<String>,
-    /// A cell or converter was exchanged: take out the gain and zero that were measured with the old one
+    /// A cell or converter was exchanged: take out the gain and zero that were measured with the
+    /// old one
     #[arg(long)]
     replace: bool,
     #[command(flatten)]

@@ -1,4 +1,5 @@
-//! The readings of `calibrate gain`: weight after weight, kept one by one, so that a break loses nothing.
+//! The readings of `calibrate gain`: weight after weight, kept one by one, so that a break loses
+//! nothing.
 
 use super::super::exit::Result;
 use super::super::progress::Progress;
@@ -45,7 +46,8 @@ pub(super) struct Series<'p> {
     stop: Arc<AtomicBool>,
     /// Rows that are kept.
     done: usize,
-    /// The weight may not hang although it is to stay: the series goes on within a hold, or a reading failed.
+    /// The weight may not hang although it is to stay: the series goes on within a hold, or a
+    /// reading failed.
     hang_again: bool,
     /// Since when the load is on; `None` where that was not seen.
     since: Option<CameOn>,
@@ -111,7 +113,8 @@ impl<'p> Series<'p> {
         Ok(series)
     }
 
-    /// Readings that the user was asked for among the first rows: a load that stays is read without a question.
+    /// Readings that the user was asked for among the first rows: a load that stays is read without
+    /// a question.
     fn asked(&self, rows: usize) -> usize {
         let loads = self.plan.loads.iter().take(rows);
         loads.filter(|load| !load.stays).count()
@@ -135,8 +138,8 @@ impl<'p> Series<'p> {
         }
         let mut progress = Progress::new(&context.output);
         if standin.is_some() {
-            // A person is not quicker. For 0.3 s after the power came, the board takes a cable that tightens for an output
-            // that is stuck (fault 15).
+            // A person is not quicker. For 0.3 s after the power came, the board takes a cable that
+            // tightens for an output that is stuck (fault 15).
             for _ in 0..REACH_CYCLES {
                 session.exchange(PERIOD).map_err(CalibrateError::from)?;
             }
@@ -343,7 +346,8 @@ fn who(bench: &Bench, group: &[u8]) -> String {
     }
 }
 
-/// Time at which a series goes on, s: 0, or after the last reading that is kept and the time since it was written.
+/// Time at which a series goes on, s: 0, or after the last reading that is kept and the time since
+/// it was written.
 fn begun_s(drafts: &[Draft]) -> Result<f64> {
     let mut latest = 0.0f64;
     for draft in drafts {

@@ -45,8 +45,8 @@ pub(super) struct Standards {
     /// Relative standard uncertainty of it
     #[arg(long, value_name = "PART", help_heading = "Weights and place")]
     gravity_sd: Option<f64>,
-    /// How the weights load the cells: `dismounted`, or `pulley=FRICTION`, where friction is at most this part of the load (0.02 for a
-    /// plain bearing, 0.001 for a ball bearing)
+    /// How the weights load the cells: `dismounted`, or `pulley=FRICTION`, where friction is at
+    /// most this part of the load (0.02 for a plain bearing, 0.001 for a ball bearing)
     #[arg(long, value_name = "HOW", help_heading = "Weights and place")]
     loading: Option<Loading>,
 }

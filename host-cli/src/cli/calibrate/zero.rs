@@ -19,7 +19,8 @@ use wire::UNITS;
 /// Arguments of `calibrate zero`.
 #[derive(Debug, Args)]
 pub struct Zero {
-    /// Accept the zero of these units however far it is from those of earlier power-ups, and forget those: a new cell, a unit that was turned
+    /// Accept the zero of these units however far it is from those of earlier power-ups, and forget
+    /// those: a new cell, a unit that was turned
     #[arg(long, value_name = "N", num_args = 1..)]
     replace: Vec<u8>,
     /// Time over which the zeros are measured
@@ -28,13 +29,16 @@ pub struct Zero {
     /// Mass of motor and rack that hang on each cell, kg
     #[arg(long, value_name = "KG", default_value_t = zeros::MOTOR_KG.0)]
     motor_kg: f64,
-    /// Read before and after each cable is paid out by hand: tells a cable that pulls from one that is slack for sure
+    /// Read before and after each cable is paid out by hand: tells a cable that pulls from one that
+    /// is slack for sure
     #[arg(long)]
     pay_out: bool,
-    /// Ask nothing: the cables are slack; with --pay-out on an emulated rig, a stand-in pays them out
+    /// Ask nothing: the cables are slack; with --pay-out on an emulated rig, a stand-in pays them
+    /// out
     #[arg(long)]
     yes: bool,
-    /// Mistake of the stand-in, as in preload=3:0.8 (the cable of unit 3 pulls with 0.8 N until it is paid out); repeatable
+    /// Mistake of the stand-in, as in preload=3:0.8 (the cable of unit 3 pulls with 0.8 N until it
+    /// is paid out); repeatable
     #[arg(long, value_name = "MISTAKE")]
     inject: Vec<Mistake>,
     #[command(flatten)]
@@ -86,8 +90,8 @@ impl Zero {
         let kept = bench.keep(context)?;
         let in_force: Vec<(u8, i32)> = found.iter().map(|f| (f.unit, f.code())).collect();
         let units = cells::push(&mut session, &bench.calibrated(), &in_force)?;
-        // Runs compare the board's zeros with these: they have to be in force. If this fails, the next run asks for `forcectl
-        // zero`.
+        // Runs compare the board's zeros with these: they have to be in force. If this fails, the
+        // next run asks for `forcectl zero`.
         zeros::remember(&bench.store, &rig.name, &found, &self.replace)?;
         Ok(zero_reply(&found, &self.replace, &kept.version, units))
     }
@@ -142,7 +146,8 @@ impl Zero {
         Ok(())
     }
 
-    /// Pulls on the cables that are to pull, or lets them go, and waits until the cells have settled.
+    /// Pulls on the cables that are to pull, or lets them go, and waits until the cells have
+    /// settled.
     fn preload(&self, session: &mut Session<'_>, part: f64) -> Result<()> {
         for mistake in &self.inject {
             if let Mistake::Preload(unit, force_n) = mistake {

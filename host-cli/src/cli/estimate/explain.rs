@@ -16,7 +16,8 @@ use std::path::PathBuf;
 pub struct Explain {
     /// Model file: physics or hybrid
     model: PathBuf,
-    /// Folder of an experiment or of logs, or a log; without a measured force the motion has to be free
+    /// Folder of an experiment or of logs, or a log; without a measured force the motion has to be
+    /// free
     data: PathBuf,
     /// Trials [default: all]
     #[arg(long, value_name = "N,N", value_delimiter = ',')]

@@ -40,7 +40,8 @@ pub struct Live {
     /// Print every N-th row
     #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
-    /// Write every row as Parquet: time, estimate, half width, valid; of a replay the measured force too
+    /// Write every row as Parquet: time, estimate, half width, valid; of a replay the measured
+    /// force too
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Draw a replay as SVG: estimate, interval and measured force
@@ -366,7 +367,8 @@ fn robot_table(file: &Path) -> Result<SourceConfig> {
         .map_err(|error| Failure::usage(format!("{}: [robot] {error}", file.display())))
 }
 
-/// A state as the row of a model. Inputs without which the model was trained are 0; a robot need not publish them.
+/// A state as the row of a model. Inputs without which the model was trained are 0; a robot need
+/// not publish them.
 fn inputs(
     state: &RobotState,
     absent: &[usize],

@@ -10,7 +10,8 @@ use estimator::estimator::Estimator;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Entries of the rotation to the base may differ so much: it is found from other rows at another rate.
+/// Entries of the rotation to the base may differ so much: it is found from other rows at another
+/// rate.
 const SAME_BASE: f64 = 1e-3;
 
 /// Arguments of `estimate report`.
@@ -33,7 +34,8 @@ pub struct Report {
     /// Data of three-dimensional forces
     #[arg(long, value_name = "DIR")]
     three_axes: Option<PathBuf>,
-    /// Minutes of training of the study of input groups, from the beginnings of the trials [default: all]
+    /// Minutes of training of the study of input groups, from the beginnings of the trials
+    /// [default: all]
     #[arg(long, value_name = "M", value_parser = clap::value_parser!(u32).range(1..))]
     group_minutes: Option<u32>,
     /// Seed of everything random
@@ -116,8 +118,8 @@ impl Report {
     }
 }
 
-/// A model that was trained before, and the time of its training. Its training must be that of the report, or the table would
-/// compare models that know different trials.
+/// A model that was trained before, and the time of its training. Its training must be that of the
+/// report, or the table would compare models that know different trials.
 fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f64)> {
     let estimator = model(path)?;
     load::check_robot(&estimator, &data.robot, false)?;

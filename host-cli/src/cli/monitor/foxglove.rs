@@ -1,4 +1,5 @@
-//! `monitor --foxglove`: what the monitor knows as a live source for Foxglove, over its WebSocket protocol.
+//! `monitor --foxglove`: what the monitor knows as a live source for Foxglove, over its WebSocket
+//! protocol.
 //!
 //! | topic | schema | what |
 //! | --- | --- | --- |
@@ -9,7 +10,8 @@
 //! | `/force` | `foxglove.SceneUpdate` | the force by measured tensions, an arrow at the tip |
 //! | `/log` | `foxglove.Log` | events |
 //!
-//! The server listens on the loopback unless it is told another address: who can reach it sees everything, and commands nothing.
+//! The server listens on the loopback unless it is told another address: who can reach it sees
+//! everything, and commands nothing.
 
 use super::source::{Event, Update};
 use crate::cli::exit::{self, Failure, Result};

@@ -9,9 +9,11 @@
 //! | the view as a picture | `picture` |
 //! | a live source for Foxglove | `foxglove` |
 //!
-//! With `--json` each line is one object: `{"t_s": ..., "tension_n": [...], "state": ..., "zeroed": [...], "force_n": [...],
-//! "encoder_counts": [...], "adc_code": [...]}` for tensions (`null` for a unit without a sample), `{"t_s": ..., "event": ..., "text": ...}` for what happens, with `fault`
-//! and `unit` for a fault (`null` for the whole board). An error is the last line: `{"error": ..., "exit_code": ...}`.
+//! With `--json` each line is one object: `{"t_s": ..., "tension_n": [...], "state": ..., "zeroed":
+//! [...], "force_n": [...], "encoder_counts": [...], "adc_code":
+//! [...]}` for tensions (`null` for a unit without a sample), `{"t_s": ..., "event": ..., "text":
+//! ...}` for what happens, with `fault` and `unit` for a fault (`null` for the whole board). An
+//! error is the last line: `{"error": ..., "exit_code": ...}`.
 
 #[cfg(feature = "foxglove")]
 mod foxglove;
@@ -51,19 +53,23 @@ const GONE: Duration = Duration::from_secs(3);
 /// Arguments of `monitor`.
 #[derive(Debug, Args)]
 pub struct Monitor {
-    /// End after this time [default: at Ctrl-C or `q`; lines on an embedded rig of the command's own: 3]
+    /// End after this time
+    /// [default: at Ctrl-C or `q`; lines on an embedded rig of the command's own: 3]
     #[arg(long, value_name = "SECONDS", value_parser = values::seconds)]
     duration: Option<f64>,
-    /// Print ten lines per second instead of the full-screen view [default where standard output is no terminal]
+    /// Print ten lines per second instead of the full-screen view
+    /// [default where standard output is no terminal]
     #[arg(long)]
     plain: bool,
-    /// Lines with the positions of the encoders in counts, in place of tensions: turn a reel by hand and look
+    /// Lines with the positions of the encoders in counts, in place of tensions: turn a reel by
+    /// hand and look
     #[arg(long)]
     counts: bool,
     /// Write the view as it is at the end to this SVG file
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
-    /// Stream to Foxglove as well, on this address and port; without one on the loopback (127.0.0.1:8765)
+    /// Stream to Foxglove as well, on this address and port; without one on the loopback
+    /// (127.0.0.1:8765)
     #[cfg(feature = "foxglove")]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = foxglove::DEFAULT_ADDRESS)]
     foxglove: Option<std::net::SocketAddr>,
@@ -78,7 +84,8 @@ pub struct End {
 }
 
 impl End {
-    /// Starts to count. The embedded rig gets a duration, because its time passes as fast as it can be computed.
+    /// Starts to count. The embedded rig gets a duration, because its time passes as fast as it can
+    /// be computed.
     pub fn after(session: &mut Session<'_>, duration_s: Option<f64>) -> Self {
         let default_s = booted_here(session).then_some(EMBEDDED_DURATION_S);
         Self {
@@ -291,7 +298,8 @@ impl<'a> Watching<'a> {
         Ok(())
     }
 
-    /// How far an embedded rig of the command's own is ahead of the clock on the wall: a view is for people.
+    /// How far an embedded rig of the command's own is ahead of the clock on the wall: a view is
+    /// for people.
     fn ahead(&self) -> Duration {
         let ahead_s = self.elapsed_s() - self.started.elapsed().as_secs_f64();
         if self.own && ahead_s > 0.0 {

@@ -37,7 +37,8 @@ pub struct Model {
     pub now: Telemetry,
     /// When it came.
     pub came: Option<Instant>,
-    /// Tensions of the last minutes, one point each [`HISTORY_S`], oldest first; `None` where there was none.
+    /// Tensions of the last minutes, one point each [`HISTORY_S`], oldest first; `None` where there
+    /// was none.
     pub history: VecDeque<[Option<f64>; UNITS]>,
     /// Events, oldest first.
     pub log: VecDeque<Event>,

@@ -1,7 +1,7 @@
 //! The terminal of the full-screen view: taken over, and given back whatever happens.
 //!
-//! It is given back when [`Screen`] is dropped, by a panic's hook, and by [`restore`], which the handler of signals calls
-//! before it ends the program.
+//! It is given back when [`Screen`] is dropped, by a panic's hook, and by [`restore`], which the
+//! handler of signals calls before it ends the program.
 
 use ratatui::backend::CrosstermBackend;
 use ratatui::crossterm::cursor::Show;

@@ -1,4 +1,5 @@
-//! Where the monitor's data come from: the service of a rig, or a session of the command's own. Both give the same.
+//! Where the monitor's data come from: the service of a rig, or a session of the command's own.
+//! Both give the same.
 
 use crate::cli::exit::Result;
 use rig::Rig;

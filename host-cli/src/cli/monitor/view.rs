@@ -411,7 +411,8 @@ fn widths(width: u16) -> (u16, u16) {
     }
 }
 
-/// Lines that texts take at this width. Words are not split, so each line may lose part of its width.
+/// Lines that texts take at this width. Words are not split, so each line may lose part of its
+/// width.
 fn lines_of(texts: &[String], width: u16) -> u16 {
     let width = usize::from(width.max(1));
     let lines = |text: &String| {

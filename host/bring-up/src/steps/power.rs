@@ -1,8 +1,9 @@
 //! The test of the amplifiers' power: a pulse moves nothing while the alive line is unplugged.
 //!
-//! The board does not know that its line is unplugged: it arms and pulses as ever, and only the PLC keeps the motors still. A pulse
-//! with an open E-stop would need a firmware that drives with an open E-stop; there is none (docs/safety.md). That the PLC sees the
-//! E-stop is what a person tells by the lamps.
+//! The board does not know that its line is unplugged: it arms and pulses as ever, and only the PLC
+//! keeps the motors still. A pulse with an open E-stop would need a firmware that drives with an
+//! open E-stop; there is none (docs/safety.md). That the PLC sees the E-stop is what a person tells
+//! by the lamps.
 
 use super::{Bench, SETTLE};
 use crate::figures::{Figures, PowerFigures};

@@ -1,4 +1,5 @@
-//! Mistakes of wiring, single and in pairs, on the rig without an emulated controller, for the tests and for the example `mistakes`.
+//! Mistakes of wiring, single and in pairs, on the rig without an emulated controller, for the
+//! tests and for the example `mistakes`.
 
 use bring_up::figures::Figures;
 use bring_up::hands::{emulated, Action, Answer, Hands};
@@ -22,7 +23,8 @@ pub const SLACK_MM: [f64; 4] = [0.0, 1.0, 5.0, 20.0];
 /// A known weight: 500 g.
 pub const WEIGHT_N: f64 = 4.9;
 
-/// Volts of a DAC per newton of command: 10 V are 32,768 codes, and the example rig has 282.2 codes per newton.
+/// Volts of a DAC per newton of command: 10 V are 32,768 codes, and the example rig has 282.2 codes
+/// per newton.
 pub const V_PER_N: f64 = 282.2 * 10.0 / 32_768.0;
 /// Output that counts as a pulse, V: a tenth of a newton.
 pub const PULSE_V: f64 = 0.1 * V_PER_N;

@@ -1,4 +1,5 @@
-//! What a report needs, looked at before anything is trained: a training takes hours, and what fails at its end is lost.
+//! What a report needs, looked at before anything is trained: a training takes hours, and what
+//! fails at its end is lost.
 
 use super::super::load::Data;
 use super::super::study::longest_beginnings_s;
@@ -12,10 +13,12 @@ pub(super) const FIGURES: [&str; 2] = ["figures.md", "figures.json"];
 const TRIALS: usize = 3;
 /// Trials of forces in three dimensions at least: one to train, one to test.
 const THREE_AXES_TRIALS: usize = 2;
-/// Length that a stretch must exceed, s: 10 s are left out of each, and the physical model needs a hundred rows of the rest.
+/// Length that a stretch must exceed, s: 10 s are left out of each, and the physical model needs a
+/// hundred rows of the rest.
 const STRETCH_S: f64 = 12.0;
 
-/// Whether the files of a report can be written to a folder; makes the folder. What is there already stays as it is.
+/// Whether the files of a report can be written to a folder; makes the folder. What is there
+/// already stays as it is.
 ///
 /// # Errors
 /// [`ReportError::File`].

@@ -76,7 +76,8 @@ pub(super) fn goals(r: &Results) -> Vec<Goal> {
                 let text: Vec<String> = covered()
                     .map(|c| c.map_or_else(|| "no row".to_owned(), percent))
                     .collect();
-                // A bin without rows says nothing of the goal; another one may miss it all the same.
+                // A bin without rows says nothing of the goal; another one may miss it all the
+                // same.
                 let met = if covered().flatten().all(within) {
                     covered().all(|c| c.is_some()).then_some(true)
                 } else {
@@ -110,8 +111,8 @@ pub(super) fn goals(r: &Results) -> Vec<Goal> {
     ]
 }
 
-/// The shipped model against the best network of the thesis. Networks whose training is not that of the thesis decide nothing: the
-/// best of them could be better with all of it.
+/// The shipped model against the best network of the thesis. Networks whose training is not that of
+/// the thesis decide nothing: the best of them could be better with all of it.
 fn half_of_best(m: &ModelResult, models: &[ModelResult]) -> Option<(String, Option<bool>)> {
     let mae = |m: &ModelResult| m.evaluation.figures.mae_n;
     let networks = || models.iter().filter(|m| THESIS.contains(&m.model.as_str()));
@@ -138,8 +139,8 @@ fn half_of_best(m: &ModelResult, models: &[ModelResult]) -> Option<(String, Opti
     Some((text, None))
 }
 
-/// Chosen minutes against more random ones. Met where the whole interval of the difference is below the margin, missed where it is
-/// above it.
+/// Chosen minutes against more random ones. Met where the whole interval of the difference is below
+/// the margin, missed where it is above it.
 fn choice(r: &Results) -> Option<(String, Option<bool>)> {
     let chosen = r.choice.iter().find(|p| p.name == CHOSEN)?;
     let most = r.choice.iter().map(|p| p.minutes).fold(0.0, f64::max);

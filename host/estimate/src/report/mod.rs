@@ -1,7 +1,8 @@
 //! All models side by side, with tables and pictures: `docs/estimation/` is one run of this.
 //!
-//! Here is the sequence of trainings; `goals.rs` compares with what is asked for, `tables.rs` writes Markdown, `draw.rs` the pictures.
-//! Tables are written after each model and each part, so a report that is broken off leaves what it has found, marked as unfinished.
+//! Here is the sequence of trainings; `goals.rs` compares with what is asked for, `tables.rs`
+//! writes Markdown, `draw.rs` the pictures. Tables are written after each model and each part, so a
+//! report that is broken off leaves what it has found, marked as unfinished.
 
 mod check;
 mod draw;
@@ -264,7 +265,8 @@ struct Report<'a> {
 /// Trains and compares all models; writes tables and pictures to `into`.
 ///
 /// # Errors
-/// [`ReportError`]. What the data do not suffice for, and a folder that can't be written, are found before anything is trained.
+/// [`ReportError`]. What the data do not suffice for, and a folder that can't be written, are found
+/// before anything is trained.
 pub fn write(
     into: &Path,
     inputs: &Inputs<'_>,

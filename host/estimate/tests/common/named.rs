@@ -10,7 +10,8 @@ use robot::arm::{ArmConfig, ChangeConfig, VirtualArm};
 /// Seconds of a trial that is explained.
 const TRIAL_S: f64 = 120.0;
 
-/// A change, and whether a motor's words name it. `gain` and `offset_a`: what was drawn for the motor.
+/// A change, and whether a motor's words name it. `gain` and `offset_a`: what was drawn for the
+/// motor.
 pub struct Change {
     pub name: &'static str,
     pub set: fn(&mut ChangeConfig),

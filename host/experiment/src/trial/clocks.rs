@@ -1,15 +1,16 @@
 //! The clocks of a trial: link (ours), board and robot.
 //!
-//! The virtual arm lives on the board's clock, and in the fast rig that is the link's as well. For a robot outside, both offsets
-//! are estimated by `session::clock`: the board's from requests and replies, the robot's from the arrival of its states.
+//! The virtual arm lives on the board's clock, and in the fast rig that is the link's as well. For
+//! a robot outside, both offsets are estimated by `session::clock`: the board's from requests and
+//! replies, the robot's from the arrival of its states.
 
 use robot::state::RobotState;
 use session::clock::{BoardClock, Estimate, OneWayClock, Reading};
 
 /// Resolution of the board's time stamps, s: all that is between two ends of one virtual clock.
 const BOARD_TICK_S: f64 = 1e-6;
-/// What the fastest state of a second takes from its stamp to its arrival, s: a period of the robot's publisher (1 ms) and its
-/// way through the operating systems.
+/// What the fastest state of a second takes from its stamp to its arrival, s: a period of the
+/// robot's publisher (1 ms) and its way through the operating systems.
 const LEAST_DELAY_S: f64 = 0.002;
 /// Time between two estimates of the board's clock, ns.
 const ESTIMATE_NS: u64 = 250_000_000;

@@ -38,7 +38,8 @@ impl Run<'_> {
     ) -> Result<(), End> {
         let robot = &self.setup.experiment.robot;
         let trajectory = self.setup.trial.trajectory.as_ref();
-        // Before anything is driven: a source that can't be opened must not leave cables under tension.
+        // Before anything is driven: a source that can't be opened must not leave cables under
+        // tension.
         let mut feed =
             Feed::open(robot, link, trajectory, tamper).map_err(|error| robot_gone(&error))?;
         self.log.progress(Phase::Connect, 0.0);
@@ -147,7 +148,8 @@ impl Run<'_> {
         loop {
             let t_s = (session.now_ns() as f64 - start_ns as f64) * 1e-9;
             if t_s >= setup.experiment.trial_s() {
-                // The last rows need samples from after them, which the cell's filter and the link delay.
+                // The last rows need samples from after them, which the cell's filter and the link
+                // delay.
                 for _ in 0..LAST_CYCLES {
                     session.exchange(PERIOD)?;
                     let received = session.drain();

@@ -1,4 +1,5 @@
-//! What comes in a period of a trial: samples to the joiner and the recorder, states to rows, events and faults to the end.
+//! What comes in a period of a trial: samples to the joiner and the recorder, states to rows,
+//! events and faults to the end.
 
 use super::super::feed::Feed;
 use super::{robot_gone, tip_of, End, Run};
@@ -34,7 +35,8 @@ impl Run<'_> {
         // What came together with such an event is in doubt.
         let stop = fresh.poll.stop();
         for state in fresh.poll.states.iter().filter(|_| stop.is_none()) {
-            // A state without a tip leaves the one before in force. How old that may get is watched where states come from.
+            // A state without a tip leaves the one before in force. How old that may get is watched
+            // where states come from.
             self.newest = tip_of(state).or(self.newest);
             self.row(state, now_ns);
         }
@@ -81,7 +83,8 @@ impl Run<'_> {
         }
     }
 
-    /// A force that the robot's side asks for does not change the profile of a trial. That is said once.
+    /// A force that the robot's side asks for does not change the profile of a trial. That is said
+    /// once.
     fn note_requests(&mut self, requests: &[TipForce], t_s: f64) {
         let Some(request) = requests.first().filter(|_| !self.asked) else {
             return;
@@ -96,7 +99,8 @@ impl Run<'_> {
     }
 }
 
-/// The first command of the robot's side that ends a trial. Whatever else it says, `enable` among it, changes nothing.
+/// The first command of the robot's side that ends a trial. Whatever else it says, `enable` among
+/// it, changes nothing.
 fn ends_trial(commands: &[String]) -> Option<&String> {
     let ends = |command: &&String| matches!(command.as_str(), "disable" | "pause" | "unhome");
     commands.iter().find(ends)

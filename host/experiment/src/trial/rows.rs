@@ -9,8 +9,9 @@ use robot::arm::Truth as ArmTruth;
 use robot::state::RobotState;
 use std::collections::VecDeque;
 
-/// Which states become rows: one in each period, of a robot that publishes faster. Of one that publishes as often as there are
-/// rows each state does, however its clock drifts against ours and its stamps jitter.
+/// Which states become rows: one in each period, of a robot that publishes faster. Of one that
+/// publishes as often as there are rows each state does, however its clock drifts against ours and
+/// its stamps jitter.
 #[derive(Debug)]
 pub(super) struct RowRate {
     period_ns: i64,
@@ -18,8 +19,8 @@ pub(super) struct RowRate {
     due_ns: Option<i64>,
     /// The newest stamp.
     last_ns: Option<i64>,
-    /// Half of the time between the last two states, at most a quarter of a period: a state is due if the next one would be
-    /// further from the row's time.
+    /// Half of the time between the last two states, at most a quarter of a period: a state is due
+    /// if the next one would be further from the row's time.
     half_step_ns: i64,
 }
 
@@ -184,7 +185,8 @@ fn truth_row(
 mod tests {
     use super::*;
 
-    /// Stamps of the rows of a robot with this rate, offset and jitter (both ways) in ns, over some seconds at 100 rows a second.
+    /// Stamps of the rows of a robot with this rate, offset and jitter (both ways) in ns, over some
+    /// seconds at 100 rows a second.
     fn rows(rate_hz: f64, offset_ns: i64, jitter_ns: i64, seconds: f64) -> Vec<i64> {
         let mut rate = RowRate::new(100.0);
         (0..(rate_hz * seconds) as i64)
@@ -208,7 +210,8 @@ mod tests {
             let rows = rows(100.0, offset_us * 1000, 50_000, 100.0);
             assert_eq!(rows.len(), 10_000, "offset {offset_us} us");
         }
-        // A crystal that is 100 ppm off: a slower one loses nothing, a faster one has that many states more than rows.
+        // A crystal that is 100 ppm off: a slower one loses nothing, a faster one has that many
+        // states more than rows.
         for (rate_hz, states) in [(99.99, 9_999), (100.01, 10_001)] {
             for offset_us in [0, 2_500, 9_990] {
                 let rows = rows(rate_hz, offset_us * 1000, 50_000, 100.0).len();

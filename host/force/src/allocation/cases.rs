@@ -17,7 +17,8 @@ fn direction(random: &mut SplitMix64) -> Vector3<f64> {
     }
 }
 
-/// Six exits around a workspace, in three roughly antiparallel pairs, each moved by up to `spread_m`.
+/// Six exits around a workspace, in three roughly antiparallel pairs, each moved by up to
+/// `spread_m`.
 #[must_use]
 pub fn exits(random: &mut SplitMix64, spread_m: f64) -> [Vector3<f64>; UNITS] {
     core::array::from_fn(|i| {
@@ -33,8 +34,8 @@ pub fn directions(exits: &[Vector3<f64>; UNITS], tip_m: Vector3<f64>) -> [Vector
     exits.map(|exit| cable_direction(exit, tip_m).unwrap_or_else(Vector3::x))
 }
 
-/// A random case: a rig near the thesis's or (one in four) six directions at random, a force up to 20 N, so
-/// that some are out of reach, either reference, sometimes a unit missing.
+/// A random case: a rig near the thesis's or (one in four) six directions at random, a force up to
+/// 20 N, so that some are out of reach, either reference, sometimes a unit missing.
 #[must_use]
 pub fn random_problem(random: &mut SplitMix64) -> Problem {
     let directions = if random.unit() < 0.25 {

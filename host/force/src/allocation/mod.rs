@@ -1,20 +1,23 @@
 //! From a force at the tip to six cable tensions.
 //!
-//! The thesis (3.7) minimises `|A T - F|^2` within 2 to 12 N. Six tensions and three force components leave
-//! a whole set of minimisers, and a solver may return any of them, so that tensions jump while the
-//! force hardly changes. Here a tie-break makes the answer unique and continuous:
+//! The thesis (3.7) minimises `|A T - F|^2` within 2 to 12 N. Six tensions and three force
+//! components leave a whole set of minimisers, and a solver may return any of them, so that
+//! tensions jump while the force hardly changes. Here a tie-break makes the answer unique and
+//! continuous:
 //!
 //! ```text
 //! minimise |A T - F|^2 + eps |T - T_ref|^2   subject to  lower_i <= T_i <= upper_i
 //! ```
 //!
-//! clarabel solves it. Its interior point stops a little inside of the bounds, and with a small `eps` a tiny gap
-//! in the objective is a visible gap in `T`; so the solution's active set is taken and the optimality
-//! conditions (KKT) are solved for it exactly, and checked. Should the check fail, a few active-set steps repair
-//! it, and as a last resort all active sets are tried ([`oracle`]).
+//! clarabel solves it. Its interior point stops a little inside of the bounds, and with a small
+//! `eps` a tiny gap in the objective is a visible gap in `T`; so the solution's active set is taken
+//! and the optimality conditions (KKT) are solved for it exactly, and checked. Should the check
+//! fail, a few active-set steps repair it, and as a last resort all active sets are tried
+//! ([`oracle`]).
 //!
-//! A force out of reach is never silently replaced: [`Allocation`] holds the nearest one, how far it
-//! is, and the largest fraction of the commanded one that the cables can apply (a linear program).
+//! A force out of reach is never silently replaced: [`Allocation`] holds the nearest one, how far
+//! it is, and the largest fraction of the commanded one that the cables can apply (a linear
+//! program).
 
 pub mod cases;
 pub mod oracle;
@@ -126,8 +129,8 @@ pub struct Allocation {
     pub path: Path,
 }
 
-/// How much of a commanded force the cables can apply in exactly its direction. As JSON a number, or the words
-/// `not even zero` or `unknown`.
+/// How much of a commanded force the cables can apply in exactly its direction. As JSON a number,
+/// or the words `not even zero` or `unknown`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fraction {
     /// The largest fraction, 0 to 1.
@@ -173,8 +176,8 @@ impl serde::Serialize for Fraction {
 /// How a solution was found; the later ones are slower and should be rare.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Path {
-    /// The active set of the solution before, repaired where needed, satisfied the optimality conditions
-    /// ([`Allocator::warm`]).
+    /// The active set of the solution before, repaired where needed, satisfied the optimality
+    /// conditions ([`Allocator::warm`]).
     Warm,
     /// clarabel's active set satisfied the optimality conditions at once.
     Polished,
@@ -243,9 +246,9 @@ impl Allocator {
         })
     }
 
-    /// Builds solvers that try the active set of the solution before, as in a control loop, where it seldom changes. The
-    /// optimality conditions are checked all the same, so the solution is the same; it takes a tenth of the time. clarabel
-    /// solves what is left.
+    /// Builds solvers that try the active set of the solution before, as in a control loop, where
+    /// it seldom changes. The optimality conditions are checked all the same, so the solution is
+    /// the same; it takes a tenth of the time. clarabel solves what is left.
     ///
     /// # Errors
     /// As [`Allocator::new`].
@@ -318,7 +321,8 @@ impl Allocator {
         let linear = problem.linear().to_vec();
         let mut bounds = vec![0.0; 2 * UNITS];
         for i in 0..UNITS {
-            // A unit that takes no part is decoupled; an interval around zero gives the solver an interior.
+            // A unit that takes no part is decoupled; an interval around zero gives the solver an
+            // interior.
             let (lower, upper) = if problem.takes_part(i) {
                 (problem.lower_n[i], problem.upper_n[i])
             } else {
@@ -421,7 +425,8 @@ const fn linear_nonzeros() -> usize {
     5 * (UNITS + 1)
 }
 
-/// Variables: six tensions and the fraction. Rows: 3 equalities, upper and lower bounds, fraction <= 1, >= 0.
+/// Variables: six tensions and the fraction. Rows: 3 equalities, upper and lower bounds, and
+/// 0 <= fraction <= 1.
 fn linear_solver() -> Result<DefaultSolver<f64>, AllocationError> {
     let n = UNITS + 1;
     let mut rows = Vec::with_capacity(linear_nonzeros());
@@ -687,7 +692,8 @@ mod tests {
         let mut by_path = [0; 2];
         for case in 0..600 {
             let mut problem = random_problem(&mut random);
-            // Some steps of a loop each, then an unrelated problem; a unit drops out and comes back on the way.
+            // Some steps of a loop each, then an unrelated problem; a unit drops out and comes back
+            // on the way.
             for step in 0..5 {
                 problem.force_n *= 0.97;
                 let (lower, upper) = (problem.lower_n[case % UNITS], problem.upper_n[case % UNITS]);

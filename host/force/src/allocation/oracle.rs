@@ -1,6 +1,6 @@
-//! The exact solution of an allocation by trying every active set: each cable at its lower bound, at
-//! its upper bound or between, 3^6 sets. Slow and simple on purpose; it shares no code with the solver it
-//! judges.
+//! The exact solution of an allocation by trying every active set: each cable at its lower bound,
+//! at its upper bound or between, 3^6 sets. Slow and simple on purpose; it shares no code with the
+//! solver it judges.
 
 use super::Problem;
 use wire::UNITS;
@@ -8,8 +8,8 @@ use wire::UNITS;
 /// Slack within which a free tension counts as within its bounds, N.
 const WITHIN_N: f64 = 1e-9;
 
-/// Of all active sets the tensions (N) that keep the bounds and have the least objective. The problem's
-/// numbers have to be finite and its tie-break positive.
+/// Of all active sets the tensions (N) that keep the bounds and have the least objective. The
+/// problem's numbers have to be finite and its tie-break positive.
 #[must_use]
 pub fn solve(problem: &Problem) -> [f64; UNITS] {
     let mut best = (f64::INFINITY, problem.lower_n);

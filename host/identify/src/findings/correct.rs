@@ -12,7 +12,8 @@ const MAX_COULOMB_CHANGE_N: f64 = 2.0;
 const MAX_COULOMB_PER_N_CHANGE: f64 = 0.25;
 /// Largest change of `friction_offset_n`, N.
 const MAX_OFFSET_CHANGE_N: f64 = 1.5;
-/// Largest factor on a gain, either way. More is a wrong strap or amplifier, to be repaired and not compensated.
+/// Largest factor on a gain, either way. More is a wrong strap or amplifier, to be repaired and not
+/// compensated.
 const MAX_GAIN_FACTOR: f64 = 1.6;
 /// Delays up to this are within what the gains allow for, s.
 const NEGLIGIBLE_DELAY_S: f64 = 0.0015;
@@ -24,13 +25,15 @@ const MAX_VISCOUS_N_S_PER_M: f64 = 100.0;
 /// How a log's columns relate to the rig.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Frame {
-    /// The model declares what the rig file says, so findings come on top; else they take its place.
+    /// The model declares what the rig file says, so findings come on top; else they take its
+    /// place.
     pub increment: bool,
     /// The command column is the DAC's, through `dac_codes_per_n`: a wrong gain is the drive's.
     pub gain_of_drive: bool,
     /// m/s of cable for one unit of the velocity column, where that is known.
     pub velocity_m_per_s: Option<f64>,
-    /// Cable travel for one radian of the angle column, m, where the angle is that of the board's own encoder.
+    /// Cable travel for one radian of the angle column, m, where the angle is that of the board's
+    /// own encoder.
     pub travel_m_per_rad: Option<f64>,
 }
 
@@ -45,12 +48,13 @@ pub struct Corrected {
 
 /// Largest kp, ki and damping that a loop with this additional delay of the command allows.
 ///
-/// The built-in gains hold for 10 ms between command and tension (converter 6.25 ms, low pass 2.2 ms, hold 1.6 ms)
-/// and 1.7 ms between command and encoder. Reel and cable swing at 34 Hz at the most (24 N/mm, 0.51 kg). The
-/// damping works on that swing by the cosine of the phase that its delay makes: it fades to nothing at 5.7 ms more,
-/// past which it would feed the swing. The proportional gain needs the damping, so it fades with it. An integral
-/// alone is stable while ki / (2 pi 34 Hz) times the swing's sharpness (5.6, from the cable's own damping) is well
-/// below one: 10 leave a factor of four, and are slow enough for 30 ms.
+/// The built-in gains hold for 10 ms between command and tension (converter 6.25 ms, low pass 2.2
+/// ms, hold 1.6 ms) and 1.7 ms between command and encoder. Reel and cable swing at 34 Hz at the
+/// most (24 N/mm, 0.51 kg). The damping works on that swing by the cosine of the phase that its
+/// delay makes: it fades to nothing at 5.7 ms more, past which it would feed the swing. The
+/// proportional gain needs the damping, so it fades with it. An integral alone is stable while ki /
+/// (2 pi 34 Hz) times the swing's sharpness (5.6, from the cable's own damping) is well below one:
+/// 10 leave a factor of four, and are slow enough for 30 ms.
 #[must_use]
 pub fn gains_for_delay(delay_s: f64) -> [f64; 3] {
     const SWING_HZ: f64 = 34.0;
@@ -60,8 +64,8 @@ pub fn gains_for_delay(delay_s: f64) -> [f64; 3] {
     [0.3 * left, 10.0 + 15.0 * left, 110.0 * left]
 }
 
-/// The settings of a unit with the findings in them. Where one of them is out of its bounds the settings are the
-/// old ones, and `not_used` says why.
+/// The settings of a unit with the findings in them. Where one of them is out of its bounds the
+/// settings are the old ones, and `not_used` says why.
 #[must_use]
 pub fn correct(unit: &UnitSettings, compensation: &Compensation, frame: &Frame) -> Corrected {
     let mut not_used: Vec<String> = compensation
@@ -180,7 +184,8 @@ fn correct_offset_and_friction(
         )?;
     }
     if compensation.friction != 0.0 || compensation.friction_per_load != 0.0 {
-        // Friction that takes from the tension while winding in is a negative coefficient of sign(v).
+        // Friction that takes from the tension while winding in is a negative coefficient of
+        // sign(v).
         let found = bounded(
             "coulomb_n",
             declared.coulomb,
@@ -205,8 +210,8 @@ fn correct_gain_and_share(
     if compensation.gain_error == 0.0 && compensation.friction_per_load == 0.0 {
         return Ok(());
     }
-    // The load is L = (gain - share s) cmd with s the sign of the velocity. Found: F = (1 + g) L + p s |L|, so
-    // per command (1 + g) gain - p share, and times s: p gain - (1 + g) share.
+    // The load is L = (gain - share s) cmd with s the sign of the velocity. Found: F = (1 + g) L +
+    // p s |L|, so per command (1 + g) gain - p share, and times s: p gain - (1 + g) share.
     let (gain, share) = (declared.gain, declared.share);
     let factor = 1.0 + compensation.gain_error;
     if !(1.0 / MAX_GAIN_FACTOR..=MAX_GAIN_FACTOR).contains(&factor) {
@@ -249,7 +254,8 @@ fn correct_gain_and_share(
     Ok(())
 }
 
-/// A unit with the gains that a delay of the drive allows; as it is where the delay is negligible or longer than any drive's.
+/// A unit with the gains that a delay of the drive allows; as it is where the delay is negligible
+/// or longer than any drive's.
 #[must_use]
 pub fn slowed(unit: &UnitSettings, delay_s: f64) -> UnitSettings {
     let mut new = *unit;

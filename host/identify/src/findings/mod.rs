@@ -1,7 +1,7 @@
 //! From the findings of an analysis to a rig file that compensates them.
 //!
-//! [`correct`] turns the findings on one unit into its new settings, within bounds; [`rewrite`] puts new settings
-//! into the text of a rig file, comments and layout kept. What the board can use:
+//! [`correct`] turns the findings on one unit into its new settings, within bounds; [`rewrite`]
+//! puts new settings into the text of a rig file, comments and layout kept. What the board can use:
 //!
 //! | finding | setting |
 //! | --- | --- |
@@ -12,12 +12,13 @@
 //! | ripple over the angle | `ripple_...`, where the log's angle is the board's own |
 //! | delay of the drive | `kp`, `ki_per_s`, `damping_n_s_per_m`, reduced: see [`gains_for_delay`] |
 //!
-//! Dry friction is declared as it was found. With 0.1 N less, the tensions are 11 % further off: 0.0340 N in place of 0.0306 N, and
-//! 0.0377 N in place of 0.0330 N with 0.4 N more friction in the plant (24 seeds; `tension_loop` example of `control`, `seconds=20
-//! seeds=24 coulomb=0.809` and `0.909`; with `more_coulomb=0.4` `1.209` and `1.309`).
+//! Dry friction is declared as it was found. With 0.1 N less, the tensions are 11 % further off:
+//! 0.0340 N in place of 0.0306 N, and 0.0377 N in place of 0.0330 N with 0.4 N more friction in the
+//! plant (24 seeds; `tension_loop` example of `control`, `seconds=20 seeds=24 coulomb=0.809` and
+//! `0.909`; with `more_coulomb=0.4` `1.209` and `1.309`).
 //!
-//! Where one finding is out of its bounds, the unit keeps its settings: the numbers of one fit belong together, and a
-//! part of them may be worse than none.
+//! Where one finding is out of its bounds, the unit keeps its settings: the numbers of one fit
+//! belong together, and a part of them may be worse than none.
 
 mod advice;
 mod correct;
@@ -52,8 +53,8 @@ macro_rules! keys {
     };
 }
 
-/// Every setting that a finding may change. Four digits after the point are finer than anything measured; lengths,
-/// codes and gains have their own.
+/// Every setting that a finding may change. Four digits after the point are finer than anything
+/// measured; lengths, codes and gains have their own.
 const KEYS: [Key; 17] = keys! {
     "kp", 1e4, kp;
     "ki_per_s", 1e4, ki_per_s;
@@ -74,7 +75,8 @@ const KEYS: [Key; 17] = keys! {
     "ripple2_phase_rad", 1e4, ripples[1].phase_rad;
 };
 
-/// A value between a declared one and its limits; an error where it is outside or too far from `old`.
+/// A value between a declared one and its limits; an error where it is outside or too far from
+/// `old`.
 fn bounded(
     name: &str,
     old: f64,

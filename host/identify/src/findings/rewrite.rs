@@ -1,7 +1,7 @@
 //! New settings in the text of a rig file, with its comments and layout kept.
 //!
-//! The text is edited as a TOML document and then read again as a rig file: anything but the intended change is an
-//! error.
+//! The text is edited as a TOML document and then read again as a rig file: anything but the
+//! intended change is an error.
 
 use super::KEYS;
 use known::base::overlay;
@@ -18,11 +18,12 @@ pub struct Rewritten {
     pub changed: Vec<String>,
 }
 
-/// Puts new settings into the text of a rig file. A value that all units have from `[defaults]` is changed there,
-/// one of a single unit in that unit's table.
+/// Puts new settings into the text of a rig file. A value that all units have from `[defaults]` is
+/// changed there, one of a single unit in that unit's table.
 ///
 /// # Errors
-/// The text is not the rig's, or an edit changes something else as well; the message lists the changes to make by hand.
+/// The text is not the rig's, or an edit changes something else as well; the message lists the
+/// changes to make by hand.
 pub fn rewrite(
     name: &str,
     text: &str,
@@ -100,7 +101,8 @@ fn changes(rig: &Rig, units: &[UnitSettings; UNITS]) -> Vec<String> {
     changed
 }
 
-/// Sets a key of the units in their own tables where they have it, and in `[defaults]` where all the others agree.
+/// Sets a key of the units in their own tables where they have it, and in `[defaults]` where all
+/// the others agree.
 fn set_key(
     document: &mut DocumentMut,
     key: &str,
@@ -166,7 +168,8 @@ fn for_each_unit(
     Ok(())
 }
 
-/// Sets a key's value. A value that is there keeps its place and the comment behind it; a new one goes last.
+/// Sets a key's value. A value that is there keeps its place and the comment behind it; a new one
+/// goes last.
 fn set_value(table: &mut dyn TableLike, key: &str, value: f64) {
     let mut value = Value::from(value);
     if let Some(Item::Value(old)) = table.get_mut(key) {

@@ -35,7 +35,8 @@ pub(super) fn add_ripple(
         .ok_or("there is no place for another ripple")?;
     let slot = &mut ripples[place];
     let was_there = !slot.is_none();
-    // As vectors: one part that is constant and one that grows with the load have one phase in the board.
+    // As vectors: one part that is constant and one that grows with the load have one phase in the
+    // board.
     let (sin, cos) = found.phase.sin_cos();
     let (old, old_sin, old_cos) = if was_there {
         let amplitude = if found.of_load {
@@ -82,9 +83,9 @@ pub(super) fn add_ripple(
 
 /// Merges ripples whose orders the travel can't separate.
 ///
-/// Over `turns` of the angle two orders are separable where they differ by 0.6 / turns. Closer ones are one ripple that
-/// the fit has split. The merged ripple has their mean order, weighted by amplitude, and their sum in the middle of the
-/// travel.
+/// Over `turns` of the angle two orders are separable where they differ by 0.6 / turns. Closer ones
+/// are one ripple that the fit has split. The merged ripple has their mean order, weighted by
+/// amplitude, and their sum in the middle of the travel.
 pub fn merge_ripples(ripples: &mut Vec<residual::Ripple>, angles_rad: &[f64]) {
     let low = angles_rad.iter().copied().fold(f64::INFINITY, f64::min);
     let high = angles_rad.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -130,7 +131,8 @@ mod tests {
 
     #[test]
     fn a_ripple_that_a_fit_has_split_becomes_one_again() {
-        // 0.3 and 0.2 N of orders 3.66 and 3.80 that are in step at 0.5 rad, in the middle of one turn.
+        // 0.3 and 0.2 N of orders 3.66 and 3.80 that are in step at 0.5 rad, in the middle of one
+        // turn.
         let angles: Vec<f64> = (0..100).map(|n| 0.5 + 0.06 * f64::from(n - 50)).collect();
         let middle = 0.5 * (angles[0] + angles[99]);
         let at = |order: f64| 1.0 - order * middle;

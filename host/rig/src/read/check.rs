@@ -1,4 +1,5 @@
-//! Checks between the values of a unit: its limits against each other, its place against the workspace.
+//! Checks between the values of a unit: its limits against each other, its place against the
+//! workspace.
 
 use super::section::{Found, Section};
 use crate::{UnitSettings, Workspace};

@@ -1,4 +1,5 @@
-//! From TOML text to a checked [`Rig`]: every value by hand, so that each message can name the line.
+//! From TOML text to a checked [`Rig`]: every value by hand, so that each message can name the
+//! line.
 //!
 //! | part | file |
 //! | --- | --- |

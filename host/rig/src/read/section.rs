@@ -1,4 +1,5 @@
-//! A section of a rig file being read: values with their types and ranges, and problems with their lines.
+//! A section of a rig file being read: values with their types and ranges, and problems with their
+//! lines.
 
 use crate::Problem;
 use nalgebra::Vector3;

@@ -1,12 +1,13 @@
-//! From a connected board to one that is configured, zeroed, calibrated and still disarmed: with zeros measured now, or
-//! with those that it holds already.
+//! From a connected board to one that is configured, zeroed, calibrated and still disarmed: with
+//! zeros measured now, or with those that it holds already.
 //!
 //! Units that fail during this are switched off and reported, so that the others can be armed.
 //!
-//! A zero is true only while the cables are slack. On a rig that stays powered, friction keeps 0.7 to 1.0 N in a cable
-//! after a run; a zero taken then would make every later force wrong by that much. So a zero is measured at power-on of
-//! an emulated rig and when the user asks for it, and a run keeps what is there. A measured zero far from the last one
-//! is refused ([`known::zeros::ZERO_TOLERANCE_N`]): a cable that pulls looks like a zero that moved.
+//! A zero is true only while the cables are slack. On a rig that stays powered, friction keeps 0.7
+//! to 1.0 N in a cable after a run; a zero taken then would make every later force wrong by that
+//! much. So a zero is measured at power-on of an emulated rig and when the user asks for it, and a
+//! run keeps what is there. A measured zero far from the last one is refused
+//! ([`known::zeros::ZERO_TOLERANCE_N`]): a cable that pulls looks like a zero that moved.
 
 mod prepared;
 #[cfg(test)]
@@ -31,7 +32,8 @@ use wire::message::{Status, UnitConfig};
 use wire::{Command, UNITS};
 use zeros::{carried_over, far, references, References};
 
-/// How long sensors may take to come up: three calibrations of 344 ms each, six units on one bus, and retries.
+/// How long sensors may take to come up: three calibrations of 344 ms each, six units on one bus,
+/// and retries.
 const BRING_UP_TIMEOUT: Duration = Duration::from_secs(15);
 /// How long zeroing may take: 256 samples at 310 SPS are 0.83 s.
 const ZERO_TIMEOUT: Duration = Duration::from_secs(5);
@@ -144,7 +146,8 @@ fn measure(
     match zero(session, &mut configs, stop, observer) {
         Ok(found) => faults.extend(found),
         Err(error) => {
-            // The board may have finished by itself: zeros that nobody has compared must not stay in force.
+            // The board may have finished by itself: zeros that nobody has compared must not stay
+            // in force.
             let _ = session.wait_for(ZERO_END, "zeroing", |status| {
                 status.state == SystemState::Ready as u8
             });
@@ -165,8 +168,8 @@ fn measure(
     Ok(prepared)
 }
 
-/// Configures an idle board and waits until its units have come up. Those that fail are switched off in `configs`; their faults are
-/// returned.
+/// Configures an idle board and waits until its units have come up. Those that fail are switched
+/// off in `configs`; their faults are returned.
 fn bring_up(
     session: &mut Session<'_>,
     rig: &Rig,
@@ -200,7 +203,8 @@ fn check_idle(status: &Status) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Takes the zeros of all enabled units and puts them into `configs`; returns the faults of units that failed.
+/// Takes the zeros of all enabled units and puts them into `configs`; returns the faults of units
+/// that failed.
 fn zero(
     session: &mut Session<'_>,
     configs: &mut [UnitConfig; UNITS],
@@ -223,7 +227,8 @@ fn zero(
     leave_out_faulted(session, configs, &status, observer)
 }
 
-/// Switches units that faulted off in the configuration, so that the others can be armed; returns their faults.
+/// Switches units that faulted off in the configuration, so that the others can be armed; returns
+/// their faults.
 fn leave_out_faulted(
     session: &mut Session<'_>,
     configs: &mut [UnitConfig; UNITS],
@@ -256,8 +261,8 @@ fn leave_out_faulted(
     Ok(faults)
 }
 
-/// Whether the board is about to give the amplifiers their power: every unit that is used has come up, and it watches them for a
-/// moment. Until then it refuses to arm.
+/// Whether the board is about to give the amplifiers their power: every unit that is used has come
+/// up, and it watches them for a moment. Until then it refuses to arm.
 fn waits_for_power(status: &Status) -> bool {
     let ready = |number| MotorState::from_u8(number) == Some(MotorState::Ready);
     status.alive_withheld

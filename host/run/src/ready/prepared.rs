@@ -54,8 +54,8 @@ impl Prepared {
         })
     }
 
-    /// Conversions that were not read in time since the board was self. The embedded rig counts them itself; on a real
-    /// rig the board's own count is all there is.
+    /// Conversions that were not read in time since the board was self. The embedded rig counts
+    /// them itself; on a real rig the board's own count is all there is.
     pub(crate) fn samples_lost(&self, report: Option<&Report>, status: &Status) -> u64 {
         let missed: u64 = status
             .units

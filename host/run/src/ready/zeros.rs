@@ -7,7 +7,8 @@ use session::Session;
 use wire::message::UnitConfig;
 use wire::UNITS;
 
-/// The rig file's configuration with what belongs to the board: its zeros, and an emulated rig's calibrated scales.
+/// The rig file's configuration with what belongs to the board: its zeros, and an emulated rig's
+/// calibrated scales.
 pub(super) fn carried_over(
     session: &mut Session<'_>,
     rig: &Rig,

@@ -55,7 +55,8 @@ impl Client {
         }
     }
 
-    /// A frame that arrived damaged is damaged for this client as well: its count of such frames stays right.
+    /// A frame that arrived damaged is damaged for this client as well: its count of such frames
+    /// stays right.
     pub(super) fn damaged(&mut self) {
         if self.topics.ticks {
             self.bytes.extend_from_slice(&[1, 0]);
@@ -131,7 +132,8 @@ impl Hub {
     /// Who keeps a client from commanding; `None`: it may.
     pub(super) fn other_commander(&self, id: ClientId) -> Option<ClientId> {
         let other = self.commander.filter(|other| *other != id)?;
-        // Whether a program still has the pseudo-terminal open is not known: it keeps the role while it drives.
+        // Whether a program still has the pseudo-terminal open is not known: it keeps the role
+        // while it drives.
         let silent =
             other == TERMINAL || self.now_ns.saturating_sub(self.commander_ns) > super::SILENT_NS;
         (!silent || self.drives()).then_some(other)

@@ -1,15 +1,17 @@
 //! A clock that is never asked for its time: a robot that publishes states with its own stamps.
 //!
-//! An arrival bounds the offset from above: our time is at least the sender's plus the offset. Nothing bounds it from below, so a
-//! least delay has to be assumed: in each second, at least one message takes no longer than this from its stamp to its arrival.
-//! Then the fastest message of each second bounds the offset from both sides, and [`BoardClock`] does the rest. Offset and
+//! An arrival bounds the offset from above: our time is at least the sender's plus the offset.
+//! Nothing bounds it from below, so a least delay has to be assumed: in each second, at least one
+//! message takes no longer than this from its stamp to its arrival. Then the fastest message of
+//! each second bounds the offset from both sides, and [`BoardClock`] does the rest. Offset and
 //! uncertainty are as good as the assumption.
 
 use super::{Bin, BoardClock, Bound, Estimate};
 
 /// Time of the sender in which the fastest message is looked for, us.
 const BLOCK_US: u64 = 1_000_000;
-/// Largest drift of two computers' clocks that is covered: crystals have 50 ppm, NTP slews by 500 ppm at most.
+/// Largest drift of two computers' clocks that is covered: crystals have 50 ppm, NTP slews by 500
+/// ppm at most.
 const DRIFT_MAX: f64 = 5e-4;
 
 /// See the module's page.
@@ -17,7 +19,8 @@ const DRIFT_MAX: f64 = 5e-4;
 pub struct OneWayClock {
     clock: BoardClock,
     least_delay_ns: i64,
-    /// The fastest message of the block that is not complete, and the sender's time at which the block ends, us.
+    /// The fastest message of the block that is not complete, and the sender's time at which the
+    /// block ends, us.
     fastest: Option<Bound>,
     until_us: u64,
 }
@@ -34,8 +37,8 @@ impl OneWayClock {
         }
     }
 
-    /// A message that was stamped at `sent_us` by the sender's clock arrived at `received_ns` by ours. Returns whether the
-    /// estimate has changed for good.
+    /// A message that was stamped at `sent_us` by the sender's clock arrived at `received_ns` by
+    /// ours. Returns whether the estimate has changed for good.
     pub fn push(&mut self, sent_us: u64, received_ns: u64) -> bool {
         let completed = self.fastest.is_some() && sent_us >= self.until_us;
         if completed {

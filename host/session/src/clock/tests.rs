@@ -108,7 +108,8 @@ proptest! {
             clock.push(&reading);
         }
         let estimate = clock.at(35_000_000).unwrap();
-        // Half of the shortest way there and back; a random tenth of each side's range is not reached in a minute.
+        // Half of the shortest way there and back; a random tenth of each side's range is not
+        // reached in a minute.
         let shortest = 0.5 * (clocks.request_ns.0 + clocks.frame_ns.0);
         let range = (clocks.request_ns.1 - clocks.request_ns.0) + (clocks.frame_ns.1 - clocks.frame_ns.0);
         prop_assert!(estimate.uncertainty_ns < shortest + 0.2 * range + 20e3, "{estimate:?}");

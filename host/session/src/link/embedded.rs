@@ -18,8 +18,8 @@ pub const ELF_VARIABLE: &str = "FORCE_FIRMWARE_ELF";
 const LOG_LINES: usize = 12;
 /// How long a response may take beside the emulated time that it covers.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(30);
-/// Part of real time at which the slowest machine emulates: 1 s may take this many. Renode beside other work on two cores
-/// took 100.
+/// Part of real time at which the slowest machine emulates: 1 s may take this many. Renode beside
+/// other work on two cores took 100.
 const SLOWEST: u32 = 200;
 /// Polls of 10 ms until the log of a rig that ended counts as complete.
 const LOG_POLLS: u32 = 200;

@@ -1,5 +1,5 @@
-//! The fast rig: the firmware's machine and control core in this process, with the same chips and plant as the embedded rig
-//! (`core_sim`). No image, no emulated controller, no second process.
+//! The fast rig: the firmware's machine and control core in this process, with the same chips and
+//! plant as the embedded rig (`core_sim`). No image, no emulated controller, no second process.
 
 use super::{EmbeddedOptions, Exchange, LinkError, RigControls, RigLink};
 use core_sim::{CoreRig, Options};
@@ -23,7 +23,8 @@ impl FastRig {
     /// A rig at power-on.
     ///
     /// # Errors
-    /// [`LinkError::Setup`] where the plant's file can't be read or holds what the physics can't take.
+    /// [`LinkError::Setup`] where the plant's file can't be read or holds what the physics can't
+    /// take.
     pub fn open(options: &EmbeddedOptions) -> Result<Self, LinkError> {
         let setup = |error: &dyn std::fmt::Display| LinkError::Setup(error.to_string());
         if options.usb {
@@ -53,7 +54,8 @@ impl FastRig {
         })
     }
 
-    /// A rig in this process with these options; what an experiment uses, with a virtual arm at the cables' ends.
+    /// A rig in this process with these options; what an experiment uses, with a virtual arm at the
+    /// cables' ends.
     ///
     /// # Errors
     /// [`LinkError::Setup`] where plant or arm can't be.

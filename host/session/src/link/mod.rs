@@ -1,8 +1,8 @@
 //! How bytes reach the board, and how time passes meanwhile.
 //!
-//! A [`RigLink`] carries bytes both ways and lets time pass. On a port that is the clock on the wall; on the
-//! embedded rig it is virtual time, which passes only inside of [`RigLink::exchange`]. So one controller
-//! runs on both.
+//! A [`RigLink`] carries bytes both ways and lets time pass. On a port that is the clock on the
+//! wall; on the embedded rig it is virtual time, which passes only inside of [`RigLink::exchange`].
+//! So one controller runs on both.
 
 pub mod embedded;
 pub mod fake;
@@ -16,7 +16,8 @@ use std::time::Duration;
 /// What arrived while time passed.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Exchange {
-    /// Time since the link was opened (a port) or since power-on (the embedded rig), in nanoseconds.
+    /// Time since the link was opened (a port) or since power-on (the embedded rig), in
+    /// nanoseconds.
     pub now_ns: u64,
     /// Bytes that the board sent.
     pub from_board: Vec<u8>,
@@ -51,8 +52,8 @@ pub trait RigLink {
     /// [`LinkError`] where the other end is gone.
     fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError>;
 
-    /// Whether opening this link booted the rig behind it: an embedded rig of the program's own. Its cables are slack at
-    /// first, and it ends with the link.
+    /// Whether opening this link booted the rig behind it: an embedded rig of the program's own.
+    /// Its cables are slack at first, and it ends with the link.
     fn booted_here(&self) -> bool {
         false
     }
@@ -92,7 +93,8 @@ pub trait RigControls {
     /// Seed of everything random in this run.
     fn seed(&self) -> u64;
 
-    /// Lets a controller outside of the board drive the amplifiers, V at their inputs; `None`: the board's DACs again.
+    /// Lets a controller outside of the board drive the amplifiers, V at their inputs; `None`: the
+    /// board's DACs again.
     ///
     /// # Errors
     /// [`LinkError`] where the rig has no such way.
@@ -148,8 +150,8 @@ pub enum LinkError {
 pub struct EmbeddedOptions {
     /// Seed of everything random; `None`: the rig's own default.
     pub seed: Option<u64>,
-    /// Number of the run of this rig: noise, zeros, clocks and the robot's path differ between runs, and the rig does not. Run 0 is
-    /// that of a rig that runs once.
+    /// Number of the run of this rig: noise, zeros, clocks and the robot's path differ between
+    /// runs, and the rig does not. Run 0 is that of a rig that runs once.
     pub run: u64,
     /// Let virtual time pass no faster than real time.
     pub paced: bool,

@@ -33,8 +33,9 @@ pub fn of_boards() -> Vec<String> {
         .collect()
 }
 
-/// Identity of the USB device behind a link: its serial number, that of the controller for the board's own port (CN13) and that of
-/// the ST-LINK for its virtual COM port. `None` where the link is no port, the port is not USB's, or the system does not tell.
+/// Identity of the USB device behind a link: its serial number, that of the controller for the
+/// board's own port (CN13) and that of the ST-LINK for its virtual COM port. `None` where the link
+/// is no port, the port is not USB's, or the system does not tell.
 #[must_use]
 pub fn device_id(link: &LinkChoice) -> Option<String> {
     let wanted = match link {
@@ -90,7 +91,8 @@ fn ports_here() -> String {
     }
 }
 
-/// Who has a port open, where the system tells it (`/proc`, processes of this user): a port that is in use can't be opened.
+/// Who has a port open, where the system tells it (`/proc`, processes of this user): a port that is
+/// in use can't be opened.
 fn holder(path: &str) -> Option<String> {
     let device = std::fs::canonicalize(path).ok()?;
     let processes = std::fs::read_dir("/proc").ok()?;

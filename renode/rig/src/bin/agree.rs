@@ -1,9 +1,11 @@
-//! `agree`: the same scenario with the same plant on the embedded rig and on Renode, compared sample by sample.
+//! `agree`: the same scenario with the same plant on the embedded rig and on Renode, compared
+//! sample by sample.
 //!
-//! Both machines run the same image and get the same bytes at the same virtual times; nothing that one of them
-//! says decides what it is told next. What they share is the plant with its seed. Devices, buses and noise are
-//! two implementations, so that samples agree in the mean and not bit by bit; the table gives each difference that
-//! is left with its reason, and the program fails where one is larger than its reason explains.
+//! Both machines run the same image and get the same bytes at the same virtual times; nothing that
+//! one of them says decides what it is told next. What they share is the plant with its seed.
+//! Devices, buses and noise are two implementations, so that samples agree in the mean and not bit
+//! by bit; the table gives each difference that is left with its reason, and the program fails
+//! where one is larger than its reason explains.
 
 use control::{Config, MotorState, SystemState};
 use emulator_link::{receive, send, Injection, Request, Response, LINK_VERSION};
@@ -16,7 +18,8 @@ use wire::{encode, BoardFrame, BoardMessage, Decoder, ABI_VERSION, MAX_FRAME, SC
 const MS: u64 = 1_000_000;
 /// Friction at a pull of T newtons, both ways: measured law of the rig, in DAC counts.
 const COUNTS_PER_N: f64 = 282.22;
-/// Cable per encoder count, as in the built-in rig file: the counters count down while a reel winds in.
+/// Cable per encoder count, as in the built-in rig file: the counters count down while a reel winds
+/// in.
 const TRAVEL_NM: i32 = -4_229;
 
 const USAGE: &str = "\
@@ -90,7 +93,8 @@ struct RunLog {
     damaged: usize,
 }
 
-/// The parts of the scenario in which samples are compared: name, from, to in ms, setpoint of each unit in N.
+/// The parts of the scenario in which samples are compared: name, from, to in ms, setpoint of each
+/// unit in N.
 const WINDOWS: [(&str, u64, u64, [f64; UNITS]); 3] = [
     ("slack", 3_900, 4_900, [0.0; UNITS]),
     ("hold 4 N", 6_000, 7_000, [4.0; UNITS]),

@@ -56,8 +56,8 @@ pub(super) fn images_by_stamps(
     }
 }
 
-/// Longest step from row to row, over the usual one, that is no gap: a row that is missing makes the
-/// step longer by two thirds of the longer of two steps like 10 and 15 ms.
+/// Longest step from row to row, over the usual one, that is no gap: a row that is missing makes
+/// the step longer by two thirds of the longer of two steps like 10 and 15 ms.
 const GAP: f64 = 1.6;
 
 /// Rows in a second, missing ones counted; `dt` is the usual step in s.

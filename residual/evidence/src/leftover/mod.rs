@@ -37,8 +37,8 @@ const BETWEEN_LOGS: f64 = 0.1;
 /// Name of the check that lines of the inputs carry much of what is left.
 pub const LINE_OF_INPUT: &str = "line of an input";
 
-/// Share of the squared error that is left from which a line that an input has too is noted: without
-/// it the RMSE would be a tenth lower.
+/// Share of the squared error that is left from which a line that an input has too is noted:
+/// without it the RMSE would be a tenth lower.
 const LINE_SHARE: f64 = 0.19;
 
 /// Share of the variance that the steps of the reading make, from which they can be a narrow band.

@@ -116,8 +116,8 @@ impl Table {
         self
     }
 
-    /// The table with one more column that is a time by its type, in seconds: the model file gives it no
-    /// `scale`. `what` is the type in words, as "a timestamp". Missing values are NaN.
+    /// The table with one more column that is a time by its type, in seconds: the model file gives
+    /// it no `scale`. `what` is the type in words, as "a timestamp". Missing values are NaN.
     #[must_use]
     pub fn with_time(
         mut self,

@@ -1,7 +1,7 @@
 //! Units in expressions: an angle in a sine, sums of unlike units, a coefficient of 1.
 //!
-//! Only what is certain is refused. Whoever multiplies by a number that is no plain factor converts,
-//! and what it converts to is not known.
+//! Only what is certain is refused. Whoever multiplies by a number that is no plain factor
+//! converts, and what it converts to is not known.
 
 use super::{seconds, Column, Roles, Term};
 use residual_columns::error::Error;

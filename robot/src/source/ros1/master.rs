@@ -1,5 +1,5 @@
-//! Questions to the ROS master and to other nodes that roslibrust does not ask: who publishes a topic, of which type, and is a
-//! node that is registered still there?
+//! Questions to the ROS master and to other nodes that roslibrust does not ask: who publishes a
+//! topic, of which type, and is a node that is registered still there?
 
 use serde::de::DeserializeOwned;
 use std::io::{self, Read, Write};
@@ -97,7 +97,8 @@ fn ask<T: DeserializeOwned>(
     Ok(value)
 }
 
-/// An HTTP/1.0 POST; the whole answer, for which it waits no longer than `patience` between two pieces.
+/// An HTTP/1.0 POST; the whole answer, for which it waits no longer than `patience` between two
+/// pieces.
 pub(super) fn exchange(uri: &str, body: &str, patience: Duration) -> io::Result<String> {
     let host = uri
         .trim_start_matches("http://")

@@ -1,5 +1,6 @@
-//! The ROS 1 messages that are used, as they are on the wire. Names, types and MD5 sums are those of std_msgs, geometry_msgs,
-//! sensor_msgs, crtk_msgs and raven_2; the definitions are their public interface.
+//! The ROS 1 messages that are used, as they are on the wire. Names, types and MD5 sums are those
+//! of std_msgs, geometry_msgs, sensor_msgs, crtk_msgs and raven_2; the definitions are their public
+//! interface.
 
 pub use super::super::geometry::{Pair, Pose};
 use roslibrust::{MessageDescriptor, RosMessageType};
@@ -182,7 +183,8 @@ time stamp
 string frame_id
 ";
 
-/// What we publish goes into bags with its whole definition, so that they can be read without the package.
+/// What we publish goes into bags with its whole definition, so that they can be read without the
+/// package.
 const WRENCH_STAMPED: &str = "\
 Header header
 Wrench wrench

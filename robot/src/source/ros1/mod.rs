@@ -1,13 +1,15 @@
 //! A robot on ROS 1: CRTK topics or the Raven's `ravenstate` in, the rig's force out.
 //!
-//! We subscribe `measured_js`, `setpoint_js`, `measured_cp`, `measured_cv`, `measured_cf` and `operating_state` below the robot's
-//! namespace (or one `ravenstate`), publish `measured_cf`, `setpoint_cf` and an estimator's `measured_cf_estimated` below our
-//! own, and take `servo_cf` there. All forces that we publish act *on the tool*, in the frame of the robot's poses by the name
-//! that the robot gives it. As a CRTK device we publish `operating_state`, latched, and take `state_command`. The other nodes,
-//! a bag recorder among them, need nothing of ours.
+//! We subscribe `measured_js`, `setpoint_js`, `measured_cp`, `measured_cv`, `measured_cf` and
+//! `operating_state` below the robot's namespace (or one `ravenstate`), publish `measured_cf`,
+//! `setpoint_cf` and an estimator's `measured_cf_estimated` below our own, and take `servo_cf`
+//! there. All forces that we publish act *on the tool*, in the frame of the robot's poses by the
+//! name that the robot gives it. As a CRTK device we publish `operating_state`, latched, and take
+//! `state_command`. The other nodes, a bag recorder among them, need nothing of ours.
 //!
-//! The client is roslibrust on a thread of its own; [`Source::poll`] takes what has come. roslibrust joins all publishers of a
-//! topic without telling them apart, so the master is asked twice a second for their names and for the topics' types.
+//! The client is roslibrust on a thread of its own; [`Source::poll`] takes what has come.
+//! roslibrust joins all publishers of a topic without telling them apart, so the master is asked
+//! twice a second for their names and for the topics' types.
 
 mod front;
 mod master;
@@ -33,7 +35,8 @@ use tokio::runtime::Runtime;
 const QUEUE: usize = 1_000;
 /// Between two looks at who publishes.
 const LOOK: Duration = Duration::from_millis(500);
-/// For the start: each topic waits for its publishers, and one that was killed is tried for seconds.
+/// For the start: each topic waits for its publishers, and one that was killed is tried for
+/// seconds.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// See the module's page.
@@ -413,8 +416,8 @@ async fn subscribe<T: RosMessageType>(
     Ok(())
 }
 
-/// What the master says of topics now; a node counts as dead beside `beside` others and more. What it does not answer is as it
-/// should be.
+/// What the master says of topics now; a node counts as dead beside `beside` others and more. What
+/// it does not answer is as it should be.
 fn look(master: &Master, topics: &[Watched], beside: usize) -> Seen {
     let mut seen = Seen::default();
     for (topic, expected) in topics {

@@ -1,14 +1,17 @@
 //! A robot on ROS 2: CRTK topics in, the rig's force out.
 //!
-//! The same topics as over ROS 1: we subscribe `measured_js`, `setpoint_js`, `measured_cp`, `measured_cv`, `measured_cf` and
-//! `operating_state` below the robot's namespace, publish `measured_cf`, `setpoint_cf` and an estimator's
-//! `measured_cf_estimated` below our own, and take `servo_cf` there. Subscriptions are best effort and volatile, which fits
-//! every publisher; what we publish is reliable. `operating_state` is subscribed a second time, reliable and transient local:
-//! a dVRK 2 publishes it on change only and keeps the last one for late joiners. A message carries its publisher's identity,
-//! so two publishers of a topic are told apart message by message. As a CRTK device we publish `operating_state`, transient
-//! local, and take `state_command`.
+//! The same topics as over ROS 1: we subscribe `measured_js`, `setpoint_js`, `measured_cp`,
+//! `measured_cv`, `measured_cf` and `operating_state` below the robot's namespace, publish
+//! `measured_cf`, `setpoint_cf` and an estimator's `measured_cf_estimated` below our own, and take
+//! `servo_cf` there. Subscriptions are best effort and volatile, which fits every publisher; what
+//! we publish is reliable. `operating_state` is subscribed a second time, reliable and transient
+//! local: a dVRK 2 publishes it on change only and keeps the last one for late joiners. A message
+//! carries its publisher's identity, so two publishers of a topic are told apart message by
+//! message. As a CRTK device we publish `operating_state`, transient local, and take
+//! `state_command`.
 //!
-//! The client is ros2-client on RustDDS. A thread takes what has come, so that each message has its time of arrival.
+//! The client is ros2-client on RustDDS. A thread takes what has come, so that each message has its
+//! time of arrival.
 
 mod messages;
 
@@ -137,7 +140,8 @@ fn header_at(frame_id: String, at: Duration) -> m::Header {
     }
 }
 
-/// Highest domain: its ports, 7400 + 250 domain and up to 250 more, must be below 65536 (DDSI-RTPS 2.5 section 9.6.2.3).
+/// Highest domain: its ports, 7400 + 250 domain and up to 250 more, must be below 65536 (DDSI-RTPS
+/// 2.5 section 9.6.2.3).
 const LAST_DOMAIN: u16 = 232;
 
 /// The domain: of the configuration, else of ROS_DOMAIN_ID, else 0.

@@ -1,5 +1,5 @@
-//! `image-faults`: flips bits of the running image in the embedded rig and prints what came of them; `cargo xtask faults --image`
-//! builds what it needs and runs it.
+//! `image-faults`: flips bits of the running image in the embedded rig and prints what came of
+//! them; `cargo xtask faults --image` builds what it needs and runs it.
 
 use lexopt::{Arg, Parser, ValueExt};
 use scenarios::image_faults::{table, Memory, Outcome, Plan, Stage};

@@ -71,7 +71,8 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// The image and the rig that the environment names, with the amplifiers' current limit of docs/bring-up.md.
+    /// The image and the rig that the environment names, with the amplifiers' current limit of
+    /// docs/bring-up.md.
     ///
     /// # Errors
     /// A program is missing, or the file for the plant cannot be written.
@@ -125,8 +126,9 @@ impl Stage {
         Ok(outcomes.remove(0))
     }
 
-    /// Runs cases one after the other on one rig until one is noticed, each watched for so many milliseconds. Bits that did no
-    /// harm stay as they are. Returns at least one outcome for one plan or more.
+    /// Runs cases one after the other on one rig until one is noticed, each watched for so many
+    /// milliseconds. Bits that did no harm stay as they are. Returns at least one outcome for one
+    /// plan or more.
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -206,7 +208,8 @@ fn inject(session: &mut Session<'_>, flips: &[Flip]) -> Result<Flip, LinkError> 
     Err(refused.unwrap_or_else(|| LinkError::Refused("no bit to flip".to_owned())))
 }
 
-/// Tensions of the six cables so many milliseconds after the flip: all alike, so that the tip is in balance.
+/// Tensions of the six cables so many milliseconds after the flip: all alike, so that the tip is in
+/// balance.
 fn setpoints(plan: &Plan, ms: u32) -> [f64; UNITS] {
     let swing = SWING_N * (std::f64::consts::TAU * f64::from(ms) / SWING_MS).sin();
     [plan.hold_n + swing; UNITS]
@@ -295,7 +298,8 @@ impl Observer {
         false
     }
 
-    /// Watches on without a session: nothing is known of the board, and a motor that pulls is not allowed to.
+    /// Watches on without a session: nothing is known of the board, and a motor that pulls is not
+    /// allowed to.
     fn watch_alone(&mut self, link: &mut dyn RigLink) -> Result<(), LinkError> {
         self.status = None;
         while self.ms < self.end_ms() {

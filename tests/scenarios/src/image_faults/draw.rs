@@ -62,8 +62,8 @@ impl Memory {
 /// A peripheral's registers: name, address of the first, offsets.
 struct Peripheral(&'static str, u32, &'static [u32]);
 
-/// Registers that configure what the firmware uses (RM0433 sections 4.9, 6.8, 8.7, 11.4, 12.3, 15.5, 17.6, 20.6, 38.4, 47.7,
-/// 48.7, 50.11).
+/// Registers that configure what the firmware uses (RM0433 sections 4.9, 6.8, 8.7, 11.4, 12.3,
+/// 15.5, 17.6, 20.6, 38.4, 47.7, 48.7, 50.11).
 const PERIPHERALS: &[Peripheral] = &[
     Peripheral("SPI1", 0x4001_3000, &[0x00, 0x04, 0x08, 0x0C, 0x10, 0x50]),
     Peripheral("I2C1", 0x4000_5400, &[0x00, 0x04, 0x08, 0x10]),
@@ -99,8 +99,8 @@ const PERIPHERALS: &[Peripheral] = &[
 /// MODER, OTYPER, OSPEEDR, PUPDR, ODR, AFRL, AFRH.
 const PORT: &[u32] = &[0x00, 0x04, 0x08, 0x0C, 0x14, 0x20, 0x24];
 
-/// Exceptions whose interrupted code is hit: SysTick and SPI1 (interrupt 35), which come while every stage of the superloop
-/// runs.
+/// Exceptions whose interrupted code is hit: SysTick and SPI1 (interrupt 35), which come while
+/// every stage of the superloop runs.
 const EXCEPTIONS: [u8; 2] = [15, 16 + 35];
 
 /// A bit that changes.

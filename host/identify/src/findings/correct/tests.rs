@@ -75,7 +75,8 @@ fn new_settings_say_what_old_ones_and_findings_said() {
     }
 }
 
-/// A second `identify` on the result of the first finds what is left, and takes nothing away by itself.
+/// A second `identify` on the result of the first finds what is left, and takes nothing away by
+/// itself.
 #[test]
 fn what_was_not_found_is_not_changed() {
     let old = rig().units[0];

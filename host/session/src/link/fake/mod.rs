@@ -1,5 +1,6 @@
-//! A board for tests: speaks the protocol over memory, runs the real control core against the plant, and can
-//! simulate errors. It replaces the firmware on the link; the firmware itself is tested in the scenarios.
+//! A board for tests: speaks the protocol over memory, runs the real control core against the
+//! plant, and can simulate errors. It replaces the firmware on the link; the firmware itself is
+//! tested in the scenarios.
 //!
 //! | part | file |
 //! | --- | --- |

@@ -1,4 +1,5 @@
-//! What the board does with time: samples through the control core, states and statuses every millisecond.
+//! What the board does with time: samples through the control core, states and statuses every
+//! millisecond.
 
 use super::{Behavior, FakeBoard, MS};
 use control::unit::Drive;

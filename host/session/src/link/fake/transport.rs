@@ -1,4 +1,5 @@
-//! The board as a link: bytes in and out with the errors of its behaviour, and the controls of an emulated rig.
+//! The board as a link: bytes in and out with the errors of its behaviour, and the controls of an
+//! emulated rig.
 
 use super::{Behavior, FakeBoard, MS};
 use crate::link::{Exchange, LinkError, RigControls, RigLink};
