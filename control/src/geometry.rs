@@ -9,8 +9,8 @@
 use nalgebra::{RealField, Vector3};
 
 /// Direction from the tip to the point where the cable meets the reel, of unit length:
-/// V = (P_unit - P_tip) / |P_unit - P_tip|. `None` where the two are closer than 1 mm (or not finite): there is
-/// no direction then.
+/// V = (P_unit - P_tip) / |P_unit - P_tip|. `None` where the two are closer than 1 mm (or not
+/// finite): there is no direction then.
 #[must_use]
 pub fn cable_direction<T: RealField + Copy>(
     unit: Vector3<T>,

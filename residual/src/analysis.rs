@@ -84,7 +84,7 @@ pub fn run_checked(
 /// fixed = 1.0
 /// "#,
 /// )?;
-/// // Four runs of 100 rows: dry friction of 0.4 N against the motion, 1 % of ripple in the command.
+/// // Four runs of 100 rows: dry friction of 0.4 N against motion, 1 % of ripple in the command.
 /// let at = |i: usize| (i % 100) as f64 * 0.02;
 /// let of = |f: &dyn Fn(f64) -> f64| (0..400).map(|i| f(at(i) + 0.3 * (i / 100) as f64)).collect();
 /// let command: Vec<f64> = of(&|t| 3.0 + (5.0 * t).sin());
