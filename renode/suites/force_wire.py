@@ -261,4 +261,6 @@ def setpoints(valid_ms, newton, inv_cos=1.0):
         # Three pairs of opposite cables.
         for axis in range(3):
             body += signed((16384 if unit % 2 == 0 else -16384) if axis == unit // 2 else 0)
+        # No speed of the reel.
+        body += bytes([0])
     return body

@@ -187,7 +187,7 @@ impl<'a> Hold<'a> {
         let output = self.force.step(&ForceInput {
             dt_s: RAVEN_CYCLE.as_secs_f64() * FORCE_EVERY as f64,
             tip_m,
-            moment: session.tip_m().map(|(_, at_ns)| Moment {
+            moment: (session.tip_m().filter(|_| t_s >= -ROBOT_START_S)).map(|(_, at_ns)| Moment {
                 tip_s: at_ns as f64 * 1e-9,
                 now_s: session.now_ns() as f64 * 1e-9,
             }),

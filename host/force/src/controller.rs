@@ -210,7 +210,7 @@ impl Controller {
         if !allocation.feasible {
             self.integral_n = unwound(self.integral_n, compensated_n - allocation.force_n);
         }
-        let velocity = self.preview.see(input.tip_m, input.moment);
+        let velocity = self.tip_velocity(input.tip_m, input.moment);
         let setpoints = core::array::from_fn(|i| UnitSetpoint {
             tension_un: self.rig.units[i].setpoint_un(allocation.tension_n[i]),
             inv_cos_q16: cables.inv_cos_q16[i],
@@ -231,6 +231,16 @@ impl Controller {
         })
     }
 
+    /// The tip's velocity, m/s, where the rig file wants it told and it is known well enough.
+    fn tip_velocity(
+        &mut self,
+        tip_m: Vector3<f64>,
+        moment: Option<Moment>,
+    ) -> Option<Vector3<f64>> {
+        let wanted = self.rig.controller.preview;
+        self.preview.see(tip_m, moment.filter(|_| wanted))
+    }
+
     /// Setpoints for given cable tensions, N, at this tip (robot base frame, m), which was there at
     /// `moment`. Units that are not available get 0.
     ///
@@ -243,7 +253,7 @@ impl Controller {
         available: [bool; UNITS],
         tension_n: [f64; UNITS],
     ) -> Result<[UnitSetpoint; UNITS], ControlError> {
-        let velocity = self.preview.see(tip_m, moment);
+        let velocity = self.tip_velocity(tip_m, moment);
         let cables = Cables::at(&self.rig, tip_m, &available)?;
         Ok(core::array::from_fn(|i| UnitSetpoint {
             tension_un: if available[i] {
@@ -534,10 +544,11 @@ mod tests {
 
     #[test]
     fn the_setpoints_tell_how_fast_the_tip_moves_each_reel() {
-        let rig = rig();
+        let mut rig = rig();
+        rig.controller.preview = true;
         let velocity = Vector3::new(0.008, -0.004, 0.002);
-        let moves = |timed: bool| {
-            let (_, outputs) = run(&rig, 200, |cycle, input| {
+        let moves = |rig: &Rig, timed: bool| {
+            let (_, outputs) = run(rig, 200, |cycle, input| {
                 let now_s = cycle as f64 * 0.01;
                 input.tip_m += velocity * (now_s - 1.0);
                 input.moment = timed.then_some(Moment {
@@ -547,7 +558,7 @@ mod tests {
             });
             *outputs.last().unwrap()
         };
-        for (i, setpoint) in moves(true).setpoints.iter().enumerate() {
+        for (i, setpoint) in moves(&rig, true).setpoints.iter().enumerate() {
             let told = f64::from(setpoint.reel_um_per_s.unwrap());
             // The length that the cable loses in a second between reel and tip.
             let length = |t: f64| {
@@ -560,8 +571,11 @@ mod tests {
                 "unit {i}: {told}, {expected}"
             );
         }
-        let untimed = moves(false).setpoints;
-        assert!(untimed.iter().all(|s| s.reel_um_per_s.is_none()));
+        let tells = |setpoints: [UnitSetpoint; UNITS]| setpoints.map(|s| s.reel_um_per_s.is_some());
+        assert_eq!(tells(moves(&rig, false).setpoints), [false; UNITS]);
+        // Unless the rig file says so, nothing is told.
+        rig.controller.preview = false;
+        assert_eq!(tells(moves(&rig, true).setpoints), [false; UNITS]);
     }
 
     #[test]

@@ -176,7 +176,9 @@ fn a_session_that_a_late_drive_ends_is_cleared() {
 
 #[test]
 fn a_fault_of_another_cause_is_not_cleared_with_it() {
-    use super::trial::other_fault;
+    use super::trial::{of_a_swing, other_fault};
+    let over_tension = control::Fault::OverTension.code();
+    assert!(of_a_swing(over_tension, 19_999) && !of_a_swing(over_tension, 20_000));
     let status = |board: (u16, u32), units: &[(usize, u16)]| {
         let mut link = FakeBoard::new(Behavior::Good);
         let mut board_status = Session::connect(&mut link).unwrap().get_status().unwrap();
@@ -195,6 +197,8 @@ fn a_fault_of_another_cause_is_not_cleared_with_it() {
         let other = (n + 1) % UNITS;
         assert_eq!(status((0, 0), &[(n, implausible)]), None);
         assert_eq!(status((stuck, unseen), &[(n, implausible)]), None);
+        let both = [(n, implausible), (other, over_tension)];
+        assert_eq!(status((0, 0), &both), None);
         let both = [(n, implausible), (other, implausible)];
         assert_eq!(status((stuck, unseen), &both), None);
         let seen = (n as u32 + 1) << 24 | 2_100;

@@ -141,8 +141,18 @@ pub fn clear_faults(
     }
 }
 
-/// The first latched fault that is neither a unit's fault 45 nor, of such a unit, a fault 15
-/// without a tension.
+/// Over-tension that a loop which swings may reach before fault 45 ends it, mN: a driven unit faults
+/// from 13 N on, and what is above 20 N is another matter.
+const SWING_MN: u32 = 20_000;
+
+/// Whether a unit's fault is that of a loop that swings.
+pub(super) fn of_a_swing(code: u16, detail: u32) -> bool {
+    code == control::Fault::Implausible.code()
+        || code == control::Fault::OverTension.code() && detail < SWING_MN
+}
+
+/// The first latched fault that is neither a unit's fault of a swing nor, of a unit with fault 45, a
+/// fault 15 without a tension.
 pub(super) fn other_fault(status: &Status) -> Option<LatchedFault> {
     let doubted = |unit: &UnitStatus| unit.fault == control::Fault::Implausible.code();
     let unseen = |detail: u32| {
@@ -158,7 +168,7 @@ pub(super) fn other_fault(status: &Status) -> Option<LatchedFault> {
     }
     let (n, unit) = (1..)
         .zip(&status.units)
-        .find(|(_, unit)| unit.fault != 0 && !doubted(unit))?;
+        .find(|(_, unit)| unit.fault != 0 && !of_a_swing(unit.fault, unit.fault_detail))?;
     Some(LatchedFault {
         unit: Some(n),
         code: unit.fault,
@@ -172,17 +182,17 @@ pub fn is_implausible(error: &RunError) -> bool {
     matches!(error, RunError::Fault(Fault::Latched(fault)) if fault.code == control::Fault::Implausible.code())
 }
 
-/// The units in words, where all faults of a session are fault 45 of units. A fault 15 behind it is
-/// [`clear_faults`]' to judge.
+/// The units in words, where all faults of a session are fault 45 of units, or over-tension of the
+/// same swing. A fault 15 behind it is [`clear_faults`]' to judge.
 fn implausible(faults: &[RunFault]) -> Option<String> {
     let behind = |fault: &&RunFault| {
         fault.unit.is_none() && fault.code == control::Fault::OutputStuck.code()
     };
-    let unit = |fault: &RunFault| {
-        fault
-            .unit
-            .filter(|_| fault.code == control::Fault::Implausible.code())
-    };
+    // How far an over-tension went is for [`clear_faults`] to judge.
+    let unit = |fault: &RunFault| fault.unit.filter(|_| of_a_swing(fault.code, 0));
+    if !(faults.iter()).any(|fault| fault.code == control::Fault::Implausible.code()) {
+        return None;
+    }
     let mut units: Vec<u8> = faults
         .iter()
         .filter(|fault| !behind(fault))

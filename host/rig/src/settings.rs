@@ -35,6 +35,10 @@ pub struct ControllerSettings {
     /// (docs/bring-up.md, step 8).
     #[serde(skip_serializing_if = "is_true")]
     pub pointer_ahead: bool,
+    /// Whether the host sends with each setpoint how fast the robot's motion moves the reel
+    /// (docs/architecture.md, "Foretold reversals").
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub preview: bool,
 }
 
 /// Limit of the force at the tip that a rig file has unless it says otherwise, N.

@@ -192,7 +192,8 @@ impl<'a> Hold<'a> {
         Ok(Input {
             dt_s: PERIOD.as_secs_f64(),
             tip_m,
-            moment,
+            // While a cable's slack is taken up its reel turns as no robot makes it.
+            moment: moment.filter(|_| t_s >= -ROBOT_START_S),
             tension_n: session.recent_tension_n(),
             available: self.available,
             commanded_n: if t_s >= 0.0 {

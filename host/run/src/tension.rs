@@ -149,6 +149,8 @@ fn hold(
             return Ok(sums.outcome(held_s, interrupted));
         }
         let (tip_m, moment) = pose.tip(session.tip_m(), session.now_ns())?;
+        // While a cable's slack is taken up its reel turns as no robot makes it.
+        let moment = moment.filter(|_| held_s > 0.0);
         let measured = session.recent_tension_n();
         let setpoints = match options.tension_n {
             Some(tension_n) => controller.setpoints_for(tip_m, moment, available, tension_n)?,

@@ -225,7 +225,8 @@ impl Run<'_> {
         let input = Input {
             dt_s: PERIOD.as_secs_f64(),
             tip_m,
-            moment: at_ns.map(|at_ns| Moment {
+            // While a cable's slack is taken up its reel turns as no robot makes it.
+            moment: at_ns.filter(|_| t_s >= -ROBOT_START_S).map(|at_ns| Moment {
                 tip_s: at_ns as f64 * 1e-9,
                 now_s: session.now_ns() as f64 * 1e-9,
             }),
