@@ -152,7 +152,7 @@ faults! {
 
     /// Over-tension.
     OverTension = 32, Unit, "over-tension",
-        meaning: "The cable's tension passed its limit: over_tension_n of the rig file, and 13 N already while the unit follows setpoints (1 N above tension_max_n where that is more). The motor is at 0 V.",
+        meaning: "The cable's tension passed its limit: over_tension_n of the rig file, and 13 N already while the unit is driven (1 N above tension_max_n where that is more). The motor is at 0 V.",
         way_out: "Find the cause: robot motion, tangled cable, wrong zero (zero with slack cables) or a load cell that drifted. Then clear and arm.",
         detail: "tension in millinewton";
     /// Sensor silent.

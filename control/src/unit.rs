@@ -483,8 +483,8 @@ impl State {
     ) -> Option<(Fault, u32)> {
         let count = |seen: u8, now: bool| if now { seen.saturating_add(1) } else { 0 };
         let limit = match input.drive {
-            Drive::Follow => config.over_tension_driven,
-            Drive::Off | Drive::Ramp => config.over_tension,
+            Drive::Follow | Drive::Ramp => config.over_tension_driven,
+            Drive::Off => config.over_tension,
         };
         self.over = count(self.over, strongest > limit);
         self.saturated = count(self.saturated, input.adc_code.is_saturated());

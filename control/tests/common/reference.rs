@@ -263,7 +263,7 @@ impl Reference {
     ) -> Option<f64> {
         self.doubt = self.doubt.saturating_sub(1);
         let Some(speed) = input.setpoint.reel else {
-            self.lead_nm = 0.0;
+            self.lead_nm -= self.lead_nm / 128.0;
             return None;
         };
         let expected_nm = f64::from(speed.nm_q8()) / 256.0 * spans;
@@ -358,7 +358,7 @@ impl Reference {
         // Trips.
         let direct = gated.max(straight) * inv_cos;
         let mut over = micro(w.over_tension_un);
-        if input.drive == Drive::Follow {
+        if input.drive != Drive::Off {
             over = over.min((micro(w.tension_max_un) + 1.0).max(13.0));
         }
         margin = margin.min((direct - over).abs());

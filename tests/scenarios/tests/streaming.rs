@@ -101,8 +101,8 @@ fn a_sample_moves_its_motor_in_a_fifth_of_a_millisecond() {
     let instructions: Vec<f64> = latencies.iter().map(|l| l.instructions as f64).collect();
     let typical = quantile(&instructions, 0.5);
     println!("{typical} instructions a sample");
-    // 200 of them for the host's word on the reels' speeds.
-    assert!(typical <= 2200.0, "{typical} instructions a sample");
+    // Without the host's word on the reels' speeds, for which 100 more are left of the 2,200.
+    assert!(typical <= 2100.0, "{typical} instructions a sample");
 }
 
 #[test]

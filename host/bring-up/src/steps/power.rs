@@ -35,10 +35,12 @@ impl Bench<'_, '_> {
             Answer::Skip => Ok(()),
             _ => self.pulses(pulse::BLIND_N, &mut power.unplugged),
         };
-        pulsed?;
-        self.act(Action::PressEStop)?;
+        // Also after pulses that failed: the line does not stay unplugged without a word. Not
+        // with the E-stop released: the amplifiers would get their power with a hand at the plug.
+        while self.act(Action::PressEStop)? == Answer::Skip {}
         self.act(Action::PlugAlive)?;
-        self.release()
+        self.release()?;
+        pulsed
     }
 
     /// Releases the E-stop, and waits until the board has given the power.
