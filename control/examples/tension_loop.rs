@@ -75,7 +75,11 @@ fn settling(seed: u64, steps: u32, poses: Option<Poses>) -> Vec<f64> {
     while times.len() < steps as usize {
         let t = rig.time_s() - start;
         let step = ((t - 4.0) / EVERY_S).max(0.0);
-        let goal = if step as u32 % 2 == 0 { 3.0 } else { 5.5 };
+        let goal = if (step as u32).is_multiple_of(2) {
+            3.0
+        } else {
+            5.5
+        };
         let goal = if t < 4.0 { 3.0 } else { 8.5 - goal };
         let ramp = SLEW_N_PER_S * rig::STEP_US as f64 * 1e-6;
         held += f64::clamp(goal - held, -ramp, ramp);

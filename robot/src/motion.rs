@@ -199,7 +199,7 @@ mod tests {
                 count += 1.0;
             }
         }
-        ((squares / count as f64).sqrt(), told / count)
+        ((squares / count).sqrt(), told / count)
     }
 
     #[test]

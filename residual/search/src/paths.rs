@@ -103,7 +103,7 @@ impl Search<'_> {
             let other = self.without_kinds(&kinds, progress)?;
             self.add_path(&mut paths, other);
         }
-        self.from_physics(&mut paths, &start, progress)?;
+        self.try_physics(&mut paths, &start, progress)?;
         let Paths { best, others } = paths;
         let equal = |p: &Path| self.is_equal(&p.outcome, &best.outcome);
         let mut equals: Vec<Path> = vec![];
@@ -149,7 +149,7 @@ impl Search<'_> {
 
     /// Goes on from the textbook terms that predict best beside the effects of the best path that
     /// are no such terms and take no shape, and from those that do by themselves.
-    fn from_physics(
+    fn try_physics(
         &mut self,
         paths: &mut Paths,
         start: &str,
@@ -158,11 +158,11 @@ impl Search<'_> {
         let beside = self.without_physics_and_shapes(&paths.best.outcome.chosen)?;
         if !beside.is_empty() {
             self.set_load(&paths.best.load, paths.best.load_is_behind);
-            self.from_physics_beside(&beside, paths, progress)?;
+            self.try_physics_beside(&beside, paths, progress)?;
         }
         // By themselves, what is built on the load is built on the declared one.
         self.set_load(start, false);
-        self.from_physics_beside(&[], paths, progress)
+        self.try_physics_beside(&[], paths, progress)
     }
 
     /// Builds effects on another load from now on.
@@ -175,7 +175,7 @@ impl Search<'_> {
     }
 
     /// Goes on from the textbook terms that predict best beside other effects.
-    fn from_physics_beside(
+    fn try_physics_beside(
         &mut self,
         beside: &[Chosen],
         paths: &mut Paths,

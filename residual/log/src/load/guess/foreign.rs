@@ -7,7 +7,7 @@ use crate::spec::Spec;
 const ROWS: usize = 300;
 
 /// Files of 25 of which the model file must run on the first try.
-const GOAL: usize = 24;
+const GOAL: usize = 25;
 
 /// A log of another program: what it stands for, the name of its file, its bytes.
 type Foreign = (&'static str, &'static str, Vec<u8>);
