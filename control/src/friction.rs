@@ -606,7 +606,7 @@ impl Presliding {
 ///
 /// *Where the host foretells the travel* ([`crate::preview`]), a reel at rest takes that in place
 /// of its own, which friction holds back until the estimate lets it go, and the estimate is that of
-/// [`Presliding`]. A reel that moves keeps its own travel.
+/// `Presliding`. A reel that moves keeps its own travel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DirectionEstimator {
     direction: Direction,

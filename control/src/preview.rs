@@ -43,7 +43,8 @@ impl Preview {
     ) -> Option<i32> {
         self.doubt = self.doubt.saturating_sub(1);
         let Some(speed) = expected else {
-            // What was wrong stays wrong for a while: a host that speaks now and then is doubted too.
+            // What was wrong stays wrong for a while: a host that speaks now and then is doubted
+            // too.
             self.lead_q8 -= self.lead_q8 >> FORGET_SHIFT;
             return None;
         };

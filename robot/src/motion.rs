@@ -1,7 +1,7 @@
 //! How fast the tip moves, from poses that have noise, steps and delays.
 //!
 //! Each coordinate has a Kalman filter of its own for position, speed and acceleration, driven by
-//! white jerk ([`JERK_POWER`]). The noise of the poses is not configured: third differences of
+//! white jerk (`JERK_POWER`). The noise of the poses is not configured: third differences of
 //! poses at a regular rate are nearly all noise. How well the filter predicts the next pose is part
 //! of the uncertainty that it tells, so that a robot that moves in another way than the filter
 //! expects is noticed.

@@ -141,8 +141,8 @@ pub fn clear_faults(
     }
 }
 
-/// Over-tension that a loop which swings may reach before fault 45 ends it, mN: a driven unit faults
-/// from 13 N on, and what is above 20 N is another matter.
+/// Over-tension that a loop which swings may reach before fault 45 ends it, mN: a driven unit
+/// faults from 13 N on, and what is above 20 N is another matter.
 const SWING_MN: u32 = 20_000;
 
 /// Whether a unit's fault is that of a loop that swings.
@@ -151,8 +151,8 @@ pub(super) fn of_a_swing(code: u16, detail: u32) -> bool {
         || code == control::Fault::OverTension.code() && detail < SWING_MN
 }
 
-/// The first latched fault that is neither a unit's fault of a swing nor, of a unit with fault 45, a
-/// fault 15 without a tension.
+/// The first latched fault that is neither a unit's fault of a swing nor, of a unit with fault 45,
+/// a fault 15 without a tension.
 pub(super) fn other_fault(status: &Status) -> Option<LatchedFault> {
     let doubted = |unit: &UnitStatus| unit.fault == control::Fault::Implausible.code();
     let unseen = |detail: u32| {
