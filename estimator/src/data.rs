@@ -93,34 +93,61 @@ pub fn read<'a>(
             instead,
         })
     };
-    let one = |role: &str, s: &'a Source, spare: bool| -> Result<Column<'a>, DataError> {
+    let one = |role: &str, s: &'a Source, si: &str, spare: bool| -> Result<Column<'a>, DataError> {
         let role = role.to_owned();
         let file = file.to_owned();
         match (s.absent, spare) {
-            (true, true) => Ok(Column::new(&s.column, None, 0.0)),
+            (true, true) => Ok(Column::none()),
             (true, false) => Err(DataError::Needed {
                 file,
                 role,
-                why: "every model needs it; only velocities and efforts can be absent".to_owned(),
+                why: "every model needs it; only velocities, efforts and components of the force can be absent".to_owned(),
             }),
             (false, _) if s.column.is_empty() => Err(DataError::Unnamed { file, role }),
-            (false, _) => Ok(Column::new(
-                &s.column,
-                Some(find(&role, &s.column, if spare { SPARE } else { "" })?),
-                s.factor,
-            )),
+            (false, _) => {
+                let values = find(&role, &s.column, if spare { SPARE } else { "" })?;
+                let (scale, offset) = s.to_si(si).map_err(|why| DataError::Unit {
+                    file,
+                    role,
+                    column: s.column.clone(),
+                    unit: s.unit.clone(),
+                    why,
+                    si: si.to_owned(),
+                })?;
+                Ok(Column {
+                    name: &s.column,
+                    values: Some(values),
+                    scale,
+                    offset,
+                })
+            }
         }
     };
-    let three = |role: &str, sources: &'a [Source; 3], spare: bool| {
-        let columns = sources.iter().map(|s| one(role, s, spare));
+    let three = |role: &str, sources: &'a [Source; 3], si: [&str; 3], spare: bool| {
+        let columns = sources
+            .iter()
+            .zip(si)
+            .map(|(s, si)| one(role, s, si, spare));
         columns.collect::<Result<Vec<Column<'a>>, DataError>>()
     };
     let absent = absent(file, mapping)?;
-    let time = one("the time", &mapping.time, false)?;
-    let mut inputs = three("a joint's position", &mapping.position, false)?;
-    inputs.extend(three("a joint's velocity", &mapping.velocity, true)?);
-    inputs.extend(three("a joint's effort", &mapping.effort, true)?);
-    let force = three("the force on the tool", &mapping.force, false);
+    let time = one("the time", &mapping.time, "s", false)?;
+    let mut inputs = three(
+        "a joint's position",
+        &mapping.position,
+        ["rad", "rad", "m"],
+        false,
+    )?;
+    let velocity = ["rad/s", "rad/s", "m/s"];
+    inputs.extend(three(
+        "a joint's velocity",
+        &mapping.velocity,
+        velocity,
+        true,
+    )?);
+    let effort = ["N·m", "N·m", "N"];
+    inputs.extend(three("a joint's effort", &mapping.effort, effort, true)?);
+    let force = three("the force on the tool", &mapping.force, ["N"; 3], true);
     let force = match label {
         Label::Needed => force?,
         Label::WhereThere => force.unwrap_or_default(),
@@ -130,7 +157,7 @@ pub fn read<'a>(
         Label::WhereThere => &[],
     };
     let tip = match mapping.tip() {
-        Some(tip) => three("the reported tip", tip, false)?,
+        Some(tip) => three("the reported tip", tip, ["m"; 3], false)?,
         None => Vec::new(),
     };
     let usable = mapping
@@ -252,20 +279,23 @@ struct Column<'a> {
     name: &'a str,
     /// `None`: the log has no such column; its value is 0.
     values: Option<&'a [f64]>,
-    factor: f64,
+    /// Factor and offset to the SI unit.
+    scale: f64,
+    offset: f64,
 }
 
-impl<'a> Column<'a> {
-    const fn new(name: &'a str, values: Option<&'a [f64]>, factor: f64) -> Self {
+impl Column<'_> {
+    const fn none() -> Self {
         Self {
-            name,
-            values,
-            factor,
+            name: "",
+            values: None,
+            scale: 0.0,
+            offset: 0.0,
         }
     }
 
     fn at(&self, row: usize) -> f64 {
-        self.raw(row) * self.factor
+        self.raw(row) * self.scale + self.offset
     }
 
     fn raw(&self, row: usize) -> f64 {
@@ -505,11 +535,7 @@ mod tests {
     fn an_absent_input_is_zero_and_named_and_what_every_model_needs_is_refused() {
         let mut other = log(400);
         other.0.retain(|(n, _)| n != "joint_effort_1");
-        let absent = Source {
-            column: String::new(),
-            factor: 1.0,
-            absent: true,
-        };
+        let absent = Source::none();
         let mut mapping = Mapping::default();
         mapping.effort[0] = absent.clone();
         let part = read("c.csv", &other, &mapping, 100.0, Label::Needed).unwrap();
@@ -569,12 +595,34 @@ mod tests {
             }
         }
         let mut mapping = Mapping::default();
-        mapping.position[0] = Source {
+        let shoulder = Source {
             column: "shoulder_deg".to_owned(),
-            factor: std::f64::consts::PI / 180.0,
-            absent: false,
+            unit: "deg".to_owned(),
+            ..Source::default()
         };
-        let part = read("b.csv", &other, &mapping, 100.0, Label::Needed).unwrap();
-        assert!((part.sequences[0].input_row(0)[0] - std::f32::consts::PI).abs() < 1e-6);
+        for (shoulder, value) in [
+            (shoulder.clone(), 1.0),
+            (
+                Source {
+                    scale: 0.5,
+                    offset: 45.0,
+                    ..shoulder.clone()
+                },
+                0.75,
+            ),
+        ] {
+            mapping.position[0] = shoulder;
+            let part = read("b.csv", &other, &mapping, 100.0, Label::Needed).unwrap();
+            let read = part.sequences[0].input_row(0)[0] / std::f32::consts::PI;
+            assert!((read - value).abs() < 1e-6, "{read}");
+        }
+        for (unit, word) in [("mm", "another quantity"), ("A", "not a unit")] {
+            mapping.position[0].unit = unit.to_owned();
+            let error = read("b.csv", &other, &mapping, 100.0, Label::Needed).unwrap_err();
+            let error = error.to_string();
+            for word in ["b.csv", "`shoulder_deg`", word, "rad", "scale"] {
+                assert!(error.contains(word), "{error}");
+            }
+        }
     }
 }

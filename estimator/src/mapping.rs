@@ -1,25 +1,30 @@
-//! Where in a log the inputs of a model are. Read from a small TOML file.
+//! Where in a log the inputs of a model are. Read from a small TOML file, whose words are those of
+//! a model file of the analysis: `column`, `unit`, `scale`, `offset`, `[input]`.
 
 use crate::motion::INPUT_NAMES;
+use residual_columns::layout::{Action, Input};
+use residual_columns::units;
 use serde::{Deserialize, Serialize};
 
-/// Where in a log the model's inputs are: column names, factors to SI units. The default is the
-/// dataset of an experiment.
+/// Where in a log the model's inputs are: column names and their units. The default is the dataset
+/// of an experiment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Mapping {
-    /// Column of the time, and factor to s.
+    /// Time. Two columns with a plus between are a sum: seconds and nanoseconds, date and time of
+    /// day.
     pub time: Source,
-    /// Positions of the first three joints: to rad, rad, m.
+    /// Positions of the first three joints: two angles, a length.
     pub position: [Source; 3],
-    /// Velocities: to rad/s, rad/s, m/s.
+    /// Velocities.
     pub velocity: [Source; 3],
-    /// Efforts of the drives at the joints: to N·m, N·m, N.
+    /// Efforts of the drives at the joints: two torques, a force.
     pub effort: [Source; 3],
-    /// Force on the tool: to N. With the factor -1 for a log of the force by the tool.
+    /// Force on the tool. With `scale = -1` for a log of the force by the tool. Absent: the
+    /// component was not measured, and is neither trained nor scored.
     pub force: [Source; 3],
-    /// Tip as the robot reports it: to m. All three absent: the frame of the force is the robot's
-    /// CRTK frame.
+    /// Tip as the robot reports it. All three absent: the frame of the force is the robot's CRTK
+    /// frame.
     pub tip: [Source; 3],
     /// Column that is 1 where a row can be used; empty: every row can be.
     pub usable: String,
@@ -27,33 +32,75 @@ pub struct Mapping {
     pub trial: String,
     /// Name of the robot. A model is refused for data of another robot.
     pub robot: String,
+    /// How files are read. A log is one run, so nothing of it is cut by `sequence`.
+    pub input: Input,
+    /// Lines of text files that are no rows: `report` refuses the file, `drop` leaves them out.
+    pub text: Action,
 }
 
-/// A column and its factor to SI units.
+/// A column: value = cell * scale + offset, in `unit`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct Source {
     /// Name of the column.
-    #[serde(default)]
     pub column: String,
-    /// Factor to the SI unit.
-    #[serde(default = "one")]
-    pub factor: f64,
-    /// The log has no such quantity: velocities, and efforts of one or two joints. The model is
-    /// trained without this input.
-    #[serde(default)]
+    /// Unit after `scale` and `offset`; empty: the SI unit.
+    pub unit: String,
+    /// Factor from cell to `unit`.
+    #[serde(alias = "factor")]
+    pub scale: f64,
+    /// Offset after the factor, in `unit`.
+    pub offset: f64,
+    /// The log has no such quantity: velocities, efforts of one or two joints, components of the
+    /// force. The model is trained without this input.
     pub absent: bool,
 }
 
-const fn one() -> f64 {
-    1.0
+impl Source {
+    /// What stands for a quantity that a log lacks.
+    #[must_use]
+    pub fn none() -> Self {
+        Self {
+            absent: true,
+            ..Self::default()
+        }
+    }
+
+    /// Factor and offset from a cell to an SI unit.
+    ///
+    /// # Errors
+    /// The unit can't be converted to it, in words that follow its name.
+    pub fn to_si(&self, si: &str) -> Result<(f64, f64), &'static str> {
+        let factor = match self.unit.is_empty() {
+            true => 1.0,
+            false => units::factor(&self.unit, si)?,
+        };
+        Ok((self.scale * factor, self.offset * factor))
+    }
+
+    /// Whether the log has values of it. A factor of 0 makes none.
+    #[must_use]
+    pub fn is_measured(&self) -> bool {
+        !self.absent && self.scale != 0.0
+    }
+}
+
+impl Default for Source {
+    fn default() -> Self {
+        Self {
+            column: String::new(),
+            unit: String::new(),
+            scale: 1.0,
+            offset: 0.0,
+            absent: false,
+        }
+    }
 }
 
 fn source(name: &str) -> Source {
     Source {
         column: name.to_owned(),
-        factor: 1.0,
-        absent: false,
+        ..Source::default()
     }
 }
 
@@ -70,6 +117,8 @@ impl Default for Mapping {
             usable: "quality".to_owned(),
             trial: "trial".to_owned(),
             robot: String::new(),
+            input: Input::default(),
+            text: Action::Report,
         }
     }
 }
@@ -91,5 +140,18 @@ impl Mapping {
     #[must_use]
     pub fn trial(&self) -> Option<&str> {
         Some(self.trial.as_str()).filter(|column| !column.is_empty())
+    }
+
+    /// Names of all columns that are read.
+    pub fn columns(&self) -> impl Iterator<Item = &str> {
+        let groups = [&self.position, &self.velocity, &self.effort, &self.force];
+        let sources = groups
+            .into_iter()
+            .flatten()
+            .chain(self.tip().into_iter().flatten());
+        let named = sources.chain([&self.time]).filter(|s| !s.absent);
+        (named.map(|s| s.column.as_str()))
+            .chain(self.usable())
+            .chain(self.trial())
     }
 }

@@ -28,12 +28,28 @@ pub enum DataError {
         why: String,
     },
     /// A mapping names no column.
-    #[error("{file}: the mapping file names no column for {role}; give `column`, or `absent = true` for a velocity or an effort")]
+    #[error("{file}: the mapping file names no column for {role}; give `column`, or `absent = true` for a velocity, an effort or a component of the force")]
     Unnamed {
         /// File.
         file: String,
         /// What it is for.
         role: String,
+    },
+    /// A column is in a unit that can't be converted.
+    #[error("{file}: column `{column}` (for {role}): `{unit}` {why}; the model takes it in {si}. Correct `unit` in the mapping file, or leave it out and give `scale`, the factor to {si}")]
+    Unit {
+        /// File.
+        file: String,
+        /// What it is for.
+        role: String,
+        /// Column.
+        column: String,
+        /// Unit in the mapping file.
+        unit: String,
+        /// Why not, in words that follow the unit.
+        why: &'static str,
+        /// Unit of the model.
+        si: String,
     },
     /// A value is not a number.
     #[error("{file}: column `{column}` is {value} in row {row} (line {} of a CSV file, t = {time_s} s), which is marked as usable; mark such rows unusable or leave them out", .row + 1)]

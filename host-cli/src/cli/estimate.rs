@@ -70,8 +70,8 @@ struct DataArgs {
     /// Rows per second; the data's rate is a multiple of it
     #[arg(long, value_name = "HZ", default_value = "50")]
     rate: f64,
-    /// Mapping file (TOML) for logs other than an experiment's dataset: columns, factors to SI
-    /// units
+    /// Mapping file (TOML) for logs other than an experiment's dataset: columns and
+    /// their units
     #[arg(long, value_name = "FILE")]
     mapping: Option<PathBuf>,
 }

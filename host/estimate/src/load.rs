@@ -6,7 +6,7 @@ use estimator::estimator::Estimator;
 use estimator::geometry::Base;
 use estimator::model::ModelError;
 use estimator::sequence::Sequence;
-use experiment::table::Table;
+use residual::load::Table;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -61,8 +61,8 @@ pub struct Data {
     pub file_rate_hz: f64,
     /// Time of the label; `None` where the log has no data card.
     pub sampling: Option<Sampling>,
-    /// Component along which the experiment pulls, where its card names one; else those whose
-    /// factor in the mapping is not 0.
+    /// Component along which the experiment pulls, where its card names one; else those that the
+    /// mapping calls measured.
     pub axes: Vec<usize>,
     /// Inputs that the files lack, by their place in [`estimator::motion::INPUT_NAMES`]; they are 0
     /// in the sequences.
@@ -70,47 +70,60 @@ pub struct Data {
 }
 
 /// A table as the estimator reads it.
-struct Read<'a>(&'a Table);
+struct Read(Table);
 
-impl Columns for Read<'_> {
+impl Columns for Read {
     fn column(&self, name: &str) -> Option<&[f64]> {
         self.0.column(name)
     }
 
     fn names(&self) -> Vec<String> {
-        self.0.names().to_vec()
+        self.0.all_names()
     }
 }
 
-/// Reads a table: Parquet by its name, else CSV with a header. A cell that is empty is NaN.
-fn table(path: &Path) -> Result<Table, LoadError> {
-    if path.extension().is_some_and(|e| e == "parquet") {
-        return Table::read(path).map_err(|error| LoadError(error.to_string()));
+/// Reads a table: Parquet by its name, else text with a header. A cell that is empty is NaN.
+fn table(path: &Path, mapping: &Mapping) -> Result<Read, LoadError> {
+    let input = &mapping.input;
+    // Rows of a model are unbroken stretches of trials.
+    for (key, used) in [
+        ("sequence", !input.sequence.is_empty()),
+        ("messages", !input.messages.is_empty()),
+    ] {
+        if used {
+            return Err(LoadError(format!(
+                "input.{key} of the mapping file is for `forcectl residual` alone: give each trial a file or a number in the column that `trial` names"
+            )));
+        }
     }
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(path)
-        .map_err(|e| failed(path, e))?;
-    let names: Vec<String> = reader
-        .headers()
-        .map_err(|e| failed(path, e))?
-        .iter()
-        .map(str::to_owned)
-        .collect();
-    let mut table = Table::new(names);
-    let mut row = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|e| failed(path, e))?;
-        row.clear();
-        // Text is not a number: it is refused where the column is used.
-        row.extend(
-            record
-                .iter()
-                .map(|cell| cell.parse::<f64>().unwrap_or(f64::NAN)),
-        );
-        table.push(&row);
-    }
-    Ok(table)
+    let time = &mapping.time.column;
+    let words = |error: residual::Error| {
+        LoadError(
+            error
+                .to_string()
+                .replace("hygiene.text", "text")
+                .replace("model file", "mapping file"),
+        )
+    };
+    let table = residual::load::read(path, input, mapping.text, time).map_err(words)?;
+    // Text in the cells of some rows is refused where these are used.
+    let text = (mapping.columns()).find_map(|column| Some((column, table.text(column)?)));
+    let Some((column, (cell, line))) = text else {
+        return Ok(Read(table));
+    };
+    let advice = match column {
+        _ if mapping.trial() == Some(column) => {
+            "number the trials, or write `trial = \"\"` in a mapping file (--mapping): each file is then a trial"
+        }
+        _ if mapping.usable() == Some(column) => {
+            "write 1 where a row can be used, or `usable = \"\"` in a mapping file (--mapping): every row is taken"
+        }
+        _ => "name a column of numbers in a mapping file (--mapping); `input.skip` there leaves out lines above the header",
+    };
+    Err(failed(
+        path,
+        format!("line {line}: column `{column}` is text (`{cell}`); {advice}"),
+    ))
 }
 
 /// Reads a mapping file.
@@ -135,15 +148,11 @@ fn files(path: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>), LoadError> {
     } else {
         path.to_owned()
     };
-    let entries = std::fs::read_dir(&folder).map_err(|e| failed(&folder, e))?;
-    let mut found: Vec<PathBuf> = entries
-        .filter_map(|entry| entry.ok().map(|e| e.path()))
-        .filter(|p| p.extension().is_some_and(|e| e == "parquet" || e == "csv"))
-        .collect();
-    found.sort();
-    if found.is_empty() {
-        return Err(failed(&folder, "there is no .parquet and no .csv file; give the folder of `forcectl experiment run`, or a log"));
-    }
+    let found = residual::load::find_files(&[folder.clone()]).map_err(|error| {
+        LoadError(format!(
+            "{error}. Or give the folder of `forcectl experiment run`"
+        ))
+    })?;
     let card = folder.join("card.json");
     Ok((found, card.is_file().then_some(card)))
 }
@@ -165,15 +174,9 @@ pub fn load(path: &Path, mapping: &Mapping, rate_hz: f64, label: Label) -> Resul
     let mut parts: Vec<Part> = Vec::new();
     let mut sources: Vec<Source> = Vec::new();
     for (number, file) in files.iter().enumerate() {
-        let table = table(file)?;
-        let mut part = data::read(
-            &file.display().to_string(),
-            &Read(&table),
-            mapping,
-            rate_hz,
-            label,
-        )
-        .map_err(|e| LoadError(e.to_string()))?;
+        let table = table(file, mapping)?;
+        let mut part = data::read(&file.display().to_string(), &table, mapping, rate_hz, label)
+            .map_err(|e| LoadError(e.to_string()))?;
         if mapping.trial().is_none() {
             part.sequences.iter_mut().for_each(|s| s.trial = number + 1);
             part.tips
@@ -256,12 +259,12 @@ fn axes_of(
     if let Some(axis) = card.and_then(axis_of) {
         return Ok(vec![axis]);
     }
-    // A component with the factor 0 was not measured: a model would learn that it is always 0.
-    let axes: Vec<usize> = (0..3).filter(|a| mapping.force[*a].factor != 0.0).collect();
+    // A model would learn that a component is always 0.
+    let axes: Vec<usize> = (0..3).filter(|a| mapping.force[*a].is_measured()).collect();
     if axes.is_empty() && label == Label::Needed {
         return Err(failed(
             path,
-            "the mapping file has the factor 0 for all three components of `force`; give the measured one another",
+            "the mapping file has no measured component of `force`: all three are absent or have the scale 0; name the column of the measured one",
         ));
     }
     Ok(axes)
@@ -539,7 +542,7 @@ mod tests {
         let map = folder.path().join("map.toml");
         let named = |column: &str| format!("{{ column = \"{column}\" }}");
         let effort = format!(
-            "{}, {{ column = \"elbow_nmm\", factor = 0.001 }}, {}",
+            "{}, {{ column = \"elbow_nmm\", unit = \"N·mm\" }}, {}",
             named("joint_effort_1"),
             named("joint_effort_3")
         );
@@ -547,18 +550,18 @@ mod tests {
         let data = load(&log, &mapping(&map).unwrap(), 100.0, Label::Needed).unwrap();
         assert_eq!((data.robot.as_str(), data.axes.len()), ("mine", 3));
         // One component was measured, as in docs/estimation.md.
-        let force = "robot = \"mine\"\ntrial = \"\"\nforce = [{ column = \"force_y_n\", factor = 0.0 }, { column = \"force_y_n\" }, { column = \"force_y_n\", factor = 0.0 }]\n";
+        let force = "robot = \"mine\"\ntrial = \"\"\nforce = [{ absent = true }, { column = \"force_y_n\" }, { column = \"force_y_n\", scale = 0.0 }]\n";
         let one_axis = folder.path().join("one-axis.toml");
         std::fs::write(&one_axis, format!("{force}effort = [{effort}]\n")).unwrap();
         let one = load(&log, &mapping(&one_axis).unwrap(), 100.0, Label::Needed).unwrap();
         assert_eq!(one.axes, [1]);
         let mut none = mapping(&one_axis).unwrap();
-        none.force[1].factor = 0.0;
+        none.force[1].scale = 0.0;
         let error = load(&log, &none, 100.0, Label::Needed)
             .unwrap_err()
             .to_string();
         assert!(
-            error.contains("day.csv") && error.contains("factor 0"),
+            error.contains("day.csv") && error.contains("scale 0"),
             "{error}"
         );
         // Two files that hold the same trial.
@@ -589,5 +592,72 @@ mod tests {
         }
         std::fs::write(&map, "efort = []\n").unwrap();
         assert!(mapping(&map).unwrap_err().to_string().contains("efort"));
+    }
+
+    #[test]
+    fn a_spreadsheet_of_another_country_is_described_as_for_the_analysis() {
+        let folder = tempfile::tempdir().unwrap();
+        let table = rows(&NAMES);
+        // Semicolons, decimal commas, a line above the header, angles in degrees, time in two
+        // columns, the trial in the file's name.
+        let kept: Vec<&str> = (NAMES.iter().copied())
+            .filter(|n| !["t_s", "trial", "quality"].contains(n))
+            .collect();
+        let mut text = format!("day 4\nsecs;nsecs;{}\n", kept.join(";"));
+        for k in 0..table.rows() {
+            let value = |name: &str| {
+                let value = table.column(name).unwrap()[k];
+                let value = match name {
+                    "joint_position_1" => value.to_degrees(),
+                    _ => value,
+                };
+                value.to_string().replace('.', ",")
+            };
+            let cells: Vec<String> = kept.iter().map(|name| value(name)).collect();
+            let ns = (table.column("t_s").unwrap()[k] * 1e9).round() as u64;
+            let (secs, ns) = (7 + ns / 1_000_000_000, ns % 1_000_000_000);
+            text += &format!("{secs};{ns};{}\n", cells.join(";"));
+        }
+        let log = folder.path().join("run-12.csv");
+        std::fs::write(&log, &text).unwrap();
+        let map = folder.path().join("map.toml");
+        let others = "{ column = \"joint_position_2\" }, { column = \"joint_position_3\" }";
+        let words = format!(
+            "time = {{ column = \"secs + nsecs\" }}\nusable = \"\"\nrobot = \"mine\"\n\
+             position = [{{ column = \"joint_position_1\", unit = \"deg\" }}, {others}]\n\
+             [input]\nskip = 1\nseparator = \";\"\ndecimal = \",\"\nfile_name = \"run-{{trial}}.csv\"\n"
+        );
+        std::fs::write(&map, &words).unwrap();
+        let read = |words: &str| {
+            std::fs::write(&map, words).unwrap();
+            load(&log, &mapping(&map).unwrap(), 100.0, Label::Needed)
+        };
+        let data = read(&words).unwrap();
+        let plain = folder.path().join("plain.parquet");
+        table.write(&plain, &[]).unwrap();
+        let plain = load(&plain, &Mapping::default(), 100.0, Label::Needed).unwrap();
+        assert_eq!(data.trials(), [12]);
+        assert_eq!(data.sequences[0].rows(), plain.sequences[0].rows());
+        for (a, b) in (data.sequences[0].input.iter()).zip(&plain.sequences[0].input) {
+            assert!((a - b).abs() < 1e-5 * (1.0 + b.abs()), "{a} {b}");
+        }
+        // What is of the analysis alone, and a line that is no row.
+        let split = words.clone() + "sequence = [\"unit\"]\n";
+        let error = read(&split).unwrap_err().to_string();
+        assert!(
+            error.contains("input.sequence") && error.contains("trial"),
+            "{error}"
+        );
+        let cut = text.trim_end().rsplit_once(';').unwrap().0;
+        std::fs::write(&log, cut).unwrap();
+        let error = read(&words).unwrap_err().to_string();
+        assert!(
+            error.contains("run-12.csv")
+                && error.contains("text = \"drop\"")
+                && error.contains("mapping file"),
+            "{error}"
+        );
+        let fewer = read(&("text = \"drop\"\n".to_owned() + &words)).unwrap();
+        assert_eq!(fewer.sequences[0].rows(), data.sequences[0].rows() - 1);
     }
 }

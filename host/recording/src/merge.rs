@@ -14,6 +14,7 @@ use super::table::{Cell, Kind, Row};
 use super::times::Clocks;
 use ::parquet::file::reader::{FileReader, SerializedFileReader};
 use ::parquet::record::Field;
+use residual_columns::dates;
 use serde::Serialize;
 use std::path::Path;
 use wire::UNITS;
@@ -521,53 +522,13 @@ fn utc_ns(cells: &[&Cell]) -> Result<i64, NoTime> {
     }
 }
 
-/// UTC of a date, a time of day and their zone (RFC 3339, a blank for the T as well), ns since
-/// 1970.
+/// UTC of a date, a time of day and their zone, ns since 1970.
 fn utc_of_text(text: &str) -> Result<i64, NoTime> {
-    // "2026-11-25T21:59:23" has 19 signs, then come the fraction and the zone.
-    const SECONDS: usize = 19;
-    if !text.is_ascii() || text.len() < SECONDS {
-        return Err(NoTime::Other);
+    let stamp = dates::stamp(text).filter(|stamp| stamp.kind == dates::Kind::Both);
+    match stamp.ok_or(NoTime::Other)? {
+        stamp if stamp.zoned => Ok(stamp.seconds * 1_000_000_000 + i64::from(stamp.nanoseconds)),
+        _ => Err(NoTime::NoZone),
     }
-    let rest = &text[SECONDS..];
-    let fraction = match rest.strip_prefix('.') {
-        Some(digits) => 1 + digits.bytes().take_while(u8::is_ascii_digit).count(),
-        None => 0,
-    };
-    let (local, zone) = text.split_at(SECONDS + fraction);
-    let time = humantime::parse_rfc3339_weak(local).map_err(|_| NoTime::Other)?;
-    let offset_s = match zone.trim() {
-        "" => return Err(NoTime::NoZone),
-        "Z" | "z" | "UTC" => 0,
-        zone => offset_s(zone).ok_or(NoTime::Other)?,
-    };
-    let passed = time
-        .duration_since(std::time::UNIX_EPOCH)
-        .map_err(|_| NoTime::Other)?;
-    let local_ns = i64::try_from(passed.as_nanos()).map_err(|_| NoTime::Other)?;
-    Ok(local_ns - offset_s * 1_000_000_000)
-}
-
-/// A zone such as `+01:00`, `-0330` or `+01`, in s east of UTC.
-fn offset_s(zone: &str) -> Option<i64> {
-    let (sign, digits) = match zone.split_at_checked(1)? {
-        ("+", digits) => (1, digits),
-        ("-", digits) => (-1, digits),
-        _ => return None,
-    };
-    let digits = digits.replacen(':', "", 1);
-    let (hours, minutes) = match digits.len() {
-        2 => (digits.as_str(), "0"),
-        4 => digits.split_at(2),
-        _ => return None,
-    };
-    let number = |text: &str| {
-        text.bytes()
-            .all(|b| b.is_ascii_digit())
-            .then(|| text.parse().ok())?
-    };
-    let (hours, minutes): (i64, i64) = (number(hours)?, number(minutes)?);
-    (hours < 24 && minutes < 60).then_some(sign * (hours * 3600 + minutes * 60))
 }
 
 type Texts = (Vec<String>, Vec<Vec<String>>);
@@ -674,6 +635,7 @@ mod tests {
             "2026-11-25T22:59:23.877021589 +02",
             "2026-11-25T17:29:23.877021589-03:30",
             "2026-11-25 20:59:23.877021589 UTC",
+            "25.11.2026 21:59:23.877021589+01:00",
         ] {
             assert_eq!(utc(text), Ok(ns), "{text}");
         }

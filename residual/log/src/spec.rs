@@ -5,6 +5,8 @@
 mod units;
 
 use residual_columns::error::Error;
+pub use residual_columns::layout::{Action, Input, Message};
+use residual_columns::units::seconds;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -39,68 +41,6 @@ pub struct Spec {
     /// Declared terms: the prediction of the target is their sum.
     #[serde(default)]
     pub terms: Vec<Term>,
-}
-
-/// How files are read.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Input {
-    /// Names for the columns of text files without a header.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub header: Vec<String>,
-    /// Column separator of text files: one character, or `blank` for runs of blanks.
-    pub separator: String,
-    /// What begins a comment line of text files: one character. Empty: `%` in a file that begins
-    /// with it, else `#`.
-    #[serde(skip_serializing_if = "String::is_empty")]
-    pub comment: String,
-    /// Lines at the head of text files to leave out before anything else.
-    #[serde(skip_serializing_if = "is_zero_usize")]
-    pub skip: usize,
-    /// Decimal mark of text files: `.` or `,`.
-    pub decimal: String,
-    /// Rows per second of logs without a time column, in Hz: the column that `roles.time` names is
-    /// then made from the row numbers. 0: the logs have it.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub rate: f64,
-    /// A pattern of the file name, such as `unit{unit}_torque{torque}_comp{comp}`: each `{name}`
-    /// takes the number at its place and becomes a column. A pattern with a `/` is matched against
-    /// the whole path.
-    #[serde(skip_serializing_if = "String::is_empty")]
-    pub file_name: String,
-    /// Kinds of message in text logs whose lines begin with their kind; empty: all lines are of one
-    /// kind.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub messages: Vec<Message>,
-    /// Columns that split a file into sequences, such as `unit`.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub sequence: Vec<String>,
-}
-
-impl Default for Input {
-    fn default() -> Self {
-        Input {
-            header: vec![],
-            separator: ",".into(),
-            comment: String::new(),
-            skip: 0,
-            decimal: ".".into(),
-            rate: 0.0,
-            file_name: String::new(),
-            messages: vec![],
-            sequence: vec![],
-        }
-    }
-}
-
-/// One kind of message in a log.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Message {
-    /// What its lines begin with.
-    pub begins: String,
-    /// Names of its cells, the kind itself included; an empty name leaves a cell out.
-    pub header: Vec<String>,
 }
 
 /// One column and its unit: value = cell * scale + offset, in `unit`.
@@ -249,22 +189,6 @@ fn is_default_folds(x: &usize) -> bool {
 
 fn is_false(x: &bool) -> bool {
     !*x
-}
-fn is_zero_usize(x: &usize) -> bool {
-    *x == 0
-}
-
-/// What to do with a flaw that was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Action {
-    /// Only report it.
-    #[default]
-    Report,
-    /// Leave the rows out of the fit.
-    Drop,
-    /// Correct the values (only for a 256-fold scale and a wrapped angle).
-    Fix,
 }
 
 /// What to do about flaws of the data.
@@ -591,79 +515,6 @@ impl Spec {
 
 /// Names in expressions that are made and not logged.
 pub const MADE: [&str; 4] = ["time", "elapsed", "file", "pi"];
-
-/// Names of units of time, in s.
-const TIMES: &[(&[&str], f64)] = &[
-    (
-        &[
-            "s", "sec", "secs", "second", "seconds", "sekunde", "sekunden",
-        ],
-        1.0,
-    ),
-    (
-        &[
-            "ms",
-            "msec",
-            "msecs",
-            "millis",
-            "millisec",
-            "millisecs",
-            "millisecond",
-            "milliseconds",
-            "millisekunden",
-        ],
-        1e-3,
-    ),
-    (
-        &[
-            "us",
-            "µs",
-            "μs",
-            "usec",
-            "usecs",
-            "µsec",
-            "μsec",
-            "micros",
-            "microsec",
-            "microsecs",
-            "microsecond",
-            "microseconds",
-            "mikrosekunden",
-        ],
-        1e-6,
-    ),
-    (
-        &[
-            "ns",
-            "nsec",
-            "nsecs",
-            "nanos",
-            "nanosec",
-            "nanosecs",
-            "nanosecond",
-            "nanoseconds",
-            "nanosekunden",
-        ],
-        1e-9,
-    ),
-    (&["min", "mins", "minute", "minutes", "minuten"], 60.0),
-    (
-        &["h", "hr", "hrs", "hour", "hours", "stunde", "stunden"],
-        3600.0,
-    ),
-    (&["d", "day", "days", "tag", "tage"], 86_400.0),
-];
-
-/// How many seconds a unit of time is; `None` where the text is no such unit that is known.
-pub fn seconds(unit: &str) -> Option<f64> {
-    let plain = unit
-        .trim()
-        .trim_matches(['[', ']', '(', ')'])
-        .trim()
-        .to_lowercase();
-    let of = |(names, _): &&(&[&str], f64)| names.contains(&plain.as_str());
-    TIMES.iter().find(of).map(|(_, scale)| *scale)
-}
 
 /// A TOML error; where a key has a new name, with that.
 fn renamed(what: String) -> Error {

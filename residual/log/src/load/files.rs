@@ -3,8 +3,9 @@
 
 use super::Table;
 use crate::finding::Findings;
-use crate::spec::Spec;
+use crate::spec::{Action, Input, Spec};
 use residual_columns::error::Error;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What is under the paths.
@@ -108,22 +109,30 @@ pub(super) fn parquet(path: &Path) -> Option<Result<Table, Error>> {
     }
 }
 
-/// Reads one log.
-pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
-    if let Some(table) = parquet(path) {
-        return Ok(table?.of(path));
+/// Reads one log of a model.
+pub(super) fn read_of(path: &Path, spec: &Spec) -> Result<Table, Error> {
+    if !spec.input.messages.is_empty() && kind(path) != Some(Kind::Parquet) {
+        return Ok(super::messages::read(path, spec)?.of(path));
     }
-    let table = match extension(path).as_deref() {
+    let used = super::rows::largest_cells(spec)?;
+    read(path, &spec.input, spec.hygiene.text, &used)
+}
+
+/// Reads one log; `used` and `lines` as for [`super::text::read`].
+pub(super) fn read(
+    path: &Path,
+    input: &Input,
+    lines: Action,
+    used: &BTreeMap<String, f64>,
+) -> Result<Table, Error> {
+    let table = match (parquet(path), extension(path).as_deref()) {
+        (Some(table), _) => table,
         // A file that was given by name may have any extension, but JSON as CSV would only confuse.
-        Some("json") => Err(Error::io(
+        (None, Some("json")) => Err(Error::io(
             path,
             "JSON is not a format of logs; write the log as CSV or Parquet",
         )),
-        _ if !spec.input.messages.is_empty() => super::messages::read(path, spec),
-        _ => {
-            let used = super::rows::largest_cells(spec)?;
-            super::text::read(path, &spec.input, spec.hygiene.text, Some(&used))
-        }
+        _ => super::text::read(path, input, lines, Some(used)),
     }?;
     Ok(table.of(path))
 }
@@ -144,7 +153,7 @@ pub(super) fn fitting(
     }
     let (fit, other): (Vec<PathBuf>, Vec<PathBuf>) = files
         .into_iter()
-        .partition(|f| given.contains(f) || name_keys(f, spec).is_some());
+        .partition(|f| given.contains(f) || name_keys(f, &spec.input).is_some());
     if let Some(first) = other.first() {
         if fit.is_empty() {
             return Err(Error::io(
@@ -192,15 +201,15 @@ fn file_keys(pattern: &str, name: &str) -> Option<Vec<(String, f64)>> {
 }
 
 /// Numbers that the model's pattern finds in a path; `None` if it does not fit.
-pub(super) fn name_keys(path: &Path, spec: &Spec) -> Option<Vec<(String, f64)>> {
+pub(super) fn name_keys(path: &Path, input: &Input) -> Option<Vec<(String, f64)>> {
     let whole = path.to_string_lossy().replace('\\', "/");
     // A pattern with a slash is matched against the path, any other against the file's name.
-    let name = if spec.input.file_name.contains('/') {
+    let name = if input.file_name.contains('/') {
         whole.as_str()
     } else {
         whole.rsplit('/').next().unwrap_or("")
     };
-    file_keys(&spec.input.file_name, name)
+    file_keys(&input.file_name, name)
 }
 
 #[cfg(test)]

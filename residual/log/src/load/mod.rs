@@ -6,7 +6,6 @@
 //! | `files.rs` | which files are logs |
 //! | `text.rs`, `parquet.rs` | one log of each format |
 //! | `arrow.rs` | which columns of a Parquet log are durations |
-//! | `dates.rs` | dates and times of day in text |
 //! | `messages.rs` | text logs with several kinds of message |
 //! | `guess/` | a first model file for logs that nobody has described |
 //! | `rows.rs` | rows in units of the model, sequences |
@@ -17,7 +16,6 @@
 #[cfg(feature = "parquet")]
 mod arrow;
 mod copies;
-mod dates;
 mod files;
 mod folds;
 mod guess;
@@ -37,11 +35,11 @@ pub use guess::guess;
 use crate::data::{Data, FEWEST_ROWS};
 use crate::finding::Findings;
 use crate::hygiene;
-use crate::spec::{Spec, MADE};
+use crate::spec::{Action, Input, Spec, MADE};
 use rayon::prelude::*;
 use residual_columns::error::Error;
 use residual_columns::expr::Expr;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Columns of one log, as logged: the units are those of the log. Missing cells are NaN.
@@ -159,46 +157,8 @@ impl Table {
                 "Give all columns of a table the same length",
             ));
         }
-        if !spec.input.file_name.is_empty() {
-            let keys = files::name_keys(&self.source, spec).ok_or_else(|| {
-                Error::io(
-                    &self.source,
-                    format!(
-                        "the file name does not fit input.file_name = \"{}\"",
-                        spec.input.file_name
-                    ),
-                )
-            })?;
-            for (key, value) in keys {
-                self.names.push(key);
-                self.columns.push(vec![value; rows]);
-            }
-        }
         let time = &spec.roles.time.column;
-        if spec.input.rate > 0.0 {
-            if self.column(time).is_some() || self.text.iter().any(|(n, ..)| n == time) {
-                return Err(Error::io(
-                    &self.source,
-                    format!(
-                        "the file has a column `{time}`, and input.rate = {} says that no column is the time; leave input.rate out \
-                         of the model file, or give roles.time the name of no column",
-                        spec.input.rate
-                    ),
-                ));
-            }
-            self.names.push(time.clone());
-            // Nobody knows how long a line that was left out took: the clock begins again.
-            let mut breaks = self.breaks.iter().copied().peekable();
-            let mut start = 0;
-            let seconds = (0..rows).map(|i| {
-                while let Some(at) = breaks.next_if(|at| *at <= i) {
-                    start = at;
-                }
-                (i - start) as f64 / spec.input.rate
-            });
-            self.columns.push(seconds.collect());
-        }
-        self.add_time(time);
+        self.add_made(&spec.input, time)?;
         self.note_shadowed(spec)?;
         let roles = spec.roles.all();
         let needed = roles.iter().map(|(_, c)| &c.column);
@@ -231,6 +191,52 @@ impl Table {
         }
         self.keep_only(&rows::used_columns(spec)?);
         Ok(self)
+    }
+
+    /// Makes what stands in no column: the numbers of the file's name, a time of row numbers or of
+    /// two columns.
+    fn add_made(&mut self, input: &Input, time: &str) -> Result<(), Error> {
+        let rows = self.rows();
+        if !input.file_name.is_empty() {
+            let keys = files::name_keys(&self.source, input).ok_or_else(|| {
+                Error::io(
+                    &self.source,
+                    format!(
+                        "the file name does not fit input.file_name = \"{}\"",
+                        input.file_name
+                    ),
+                )
+            })?;
+            for (key, value) in keys {
+                self.names.push(key);
+                self.columns.push(vec![value; rows]);
+            }
+        }
+        if input.rate > 0.0 {
+            if self.column(time).is_some() || self.text.iter().any(|(n, ..)| n == time) {
+                return Err(Error::io(
+                    &self.source,
+                    format!(
+                        "the file has a column `{time}`, and input.rate = {} says that no column is the time; leave input.rate out \
+                         of the model file, or give roles.time the name of no column",
+                        input.rate
+                    ),
+                ));
+            }
+            self.names.push(time.to_owned());
+            // Nobody knows how long a line that was left out took: the clock begins again.
+            let mut breaks = self.breaks.iter().copied().peekable();
+            let mut start = 0;
+            let seconds = (0..rows).map(|i| {
+                while let Some(at) = breaks.next_if(|at| *at <= i) {
+                    start = at;
+                }
+                (i - start) as f64 / input.rate
+            });
+            self.columns.push(seconds.collect());
+        }
+        self.add_time(time);
+        Ok(())
     }
 
     /// Makes the column of the time where the model names two with a plus between: seconds and
@@ -298,6 +304,13 @@ impl Table {
         }
     }
 
+    /// First cell of a column of text, and its line; `None` of any other.
+    #[must_use]
+    pub fn text(&self, column: &str) -> Option<(&str, u64)> {
+        let (_, cell, line) = self.text.iter().find(|(name, ..)| name == column)?;
+        Some((cell, *line))
+    }
+
     /// Why a column that the model needs is not there.
     fn lacks(&self, column: &str, is_time: bool) -> Error {
         match self.text.iter().find(|(name, ..)| name == column) {
@@ -332,7 +345,7 @@ impl Table {
     }
 
     /// Names of the columns of numbers, then of those of text.
-    fn all_names(&self) -> Vec<String> {
+    pub fn all_names(&self) -> Vec<String> {
         let text = self.text.iter().map(|(n, ..)| format!("{n} (text)"));
         self.names.iter().cloned().chain(text).collect()
     }
@@ -341,7 +354,8 @@ impl Table {
         self.columns.first().map_or(0, Vec::len)
     }
 
-    fn column(&self, name: &str) -> Option<&[f64]> {
+    /// Values of a column of numbers, as logged; `None` if there is none of this name.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
         self.names
             .iter()
             .position(|n| n == name)
@@ -367,6 +381,17 @@ fn is_date(cell: &str) -> bool {
     marks >= 2 && digits >= 4 && cell.starts_with(|c: char| c.is_ascii_digit())
 }
 
+/// Reads one log as it is, with its `time` made where [`Input`] says how. Lines that are no rows are
+/// refused, or left out with [`Action::Drop`]; text in a column of numbers is NaN.
+///
+/// # Errors
+/// The file can't be read, or its name does not fit.
+pub fn read(path: &Path, input: &Input, lines: Action, time: &str) -> Result<Table, Error> {
+    let mut table = files::read(path, input, lines, &BTreeMap::new())?;
+    table.add_made(input, time)?;
+    Ok(table)
+}
+
 /// Loads logs from files and folders.
 ///
 /// # Errors
@@ -387,7 +412,7 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
     // All results first: of several bad files it is always the first that is reported.
     let results: Vec<Result<Table, Error>> = files
         .par_iter()
-        .map(|path| files::read(path, spec)?.checked(spec))
+        .map(|path| files::read_of(path, spec)?.checked(spec))
         .collect();
     assemble(
         results.into_iter().collect::<Result<_, _>>()?,

@@ -1,7 +1,8 @@
 //! Text logs: CSV and relatives, plain or gzip.
 
-use super::{dates, rows, Table};
+use super::{rows, Table};
 use crate::spec::{Action, Input};
+use residual_columns::dates;
 use residual_columns::error::Error;
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -3,108 +3,13 @@
 //! Only what is certain is refused. Whoever multiplies by a number that is no plain factor
 //! converts, and what it converts to is not known.
 
-use super::{seconds, Column, Roles, Term};
+use super::{Column, Roles, Term};
 use residual_columns::error::Error;
 use residual_columns::expr::{Expr, Func};
-use residual_columns::units::radians;
-
-/// Base dimensions: angle, length, time, force.
-type Powers = [i32; 4];
-
-const ANGLE: Powers = [1, 0, 0, 0];
-
-/// Share by which two scales of one dimension differ at least.
-const UNLIKE: f64 = 1e-3;
+use residual_columns::units::{radians, Unit, ANGLE, UNLIKE};
 
 /// Largest number, or divisor, that is taken for a factor and not for a conversion.
 const PLAIN: f64 = 9.0;
-
-/// A unit: powers of the base dimensions, and how many of rad, m, s and N it is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Unit {
-    powers: Powers,
-    scale: f64,
-}
-
-impl Unit {
-    const ONE: Self = Self {
-        powers: [0; 4],
-        scale: 1.0,
-    };
-
-    fn times(self, other: Self, power: i32) -> Self {
-        let mut powers = self.powers;
-        for (own, theirs) in powers.iter_mut().zip(other.powers) {
-            *own += power * theirs;
-        }
-        Self {
-            powers,
-            scale: self.scale * other.scale.powi(power),
-        }
-    }
-
-    fn is_unlike(self, other: Self) -> bool {
-        self.powers == other.powers && (self.scale / other.scale - 1.0).abs() > UNLIKE
-    }
-
-    /// A unit as text; `None` where a part of it is not known.
-    fn parse(text: &str) -> Option<Self> {
-        let text = text.trim().replace("Nm", "N·m").replace("N mm", "N·mm");
-        let (mut unit, mut sign) = (Self::ONE, 1);
-        if text.is_empty() {
-            return None;
-        }
-        for (i, part) in text.split('/').enumerate() {
-            if i == 1 {
-                sign = -1;
-            }
-            for factor in part.split(['·', '*']) {
-                let (name, power) = power(factor.trim())?;
-                unit = unit.times(Self::base(name)?, sign * power);
-            }
-        }
-        Some(unit)
-    }
-
-    fn base(name: &str) -> Option<Self> {
-        let of = |powers, scale| Some(Self { powers, scale });
-        if let Some(scale) = radians(name) {
-            return of(ANGLE, scale);
-        }
-        match name {
-            "1" => return Some(Self::ONE),
-            "um" | "µm" => return of([0, 1, 0, 0], 1e-6),
-            "mm" => return of([0, 1, 0, 0], 1e-3),
-            "cm" => return of([0, 1, 0, 0], 1e-2),
-            "m" => return of([0, 1, 0, 0], 1.0),
-            "mN" => return of([0, 0, 0, 1], 1e-3),
-            "N" => return of([0, 0, 0, 1], 1.0),
-            "kN" => return of([0, 0, 0, 1], 1e3),
-            "rpm" => return of([1, 0, -1, 0], std::f64::consts::TAU / 60.0),
-            _ => {}
-        }
-        // `d` and `h` alone may be anything.
-        match name {
-            "d" | "h" => None,
-            _ => of([0, 0, 1, 0], seconds(name)?),
-        }
-    }
-}
-
-/// A factor of a unit and its power: `s^2`, `s²`.
-fn power(factor: &str) -> Option<(&str, i32)> {
-    if let Some((name, power)) = factor.split_once('^') {
-        return Some((name, power.parse().ok()?));
-    }
-    let name = factor.trim_end_matches(['²', '³']);
-    let power = match &factor[name.len()..] {
-        "" => 1,
-        "²" => 2,
-        "³" => 3,
-        _ => return None,
-    };
-    Some((name, power))
-}
 
 /// What is known about a value.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -612,25 +517,5 @@ mod tests {
             assert!(mixed("command", keys).is_ok(), "{keys}");
         }
         assert!(mixed("command / 1000", "fixed = 1.0").is_ok());
-    }
-
-    #[test]
-    fn units_are_read_as_they_are_written() {
-        for (text, powers, scale) in [
-            ("deg/s", [1, 0, -1, 0], 0.017453292519943295),
-            ("rad/s^2", [1, 0, -2, 0], 1.0),
-            ("mm/s²", [0, 1, -2, 0], 1e-3),
-            ("N·mm", [0, 1, 0, 1], 1e-3),
-            ("Nm", [0, 1, 0, 1], 1.0),
-            ("rpm", [1, 0, -1, 0], 0.10471975511965977),
-            ("m/s/s", [0, 1, -2, 0], 1.0),
-        ] {
-            let unit = Unit::parse(text).unwrap_or_else(|| panic!("{text}"));
-            assert_eq!(unit.powers, powers, "{text}");
-            assert!((unit.scale / scale - 1.0).abs() < 1e-12, "{text} {unit:?}");
-        }
-        for text in ["", "V", "A/s", "count", "d", "K", "s^x"] {
-            assert_eq!(Unit::parse(text), None, "{text}");
-        }
     }
 }

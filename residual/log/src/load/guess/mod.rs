@@ -19,9 +19,10 @@ mod time;
 mod units;
 mod write;
 
-use super::{dates, files, text, Table};
+use super::{files, text, Table};
 use crate::spec::Action;
 use layout::Layout;
+use residual_columns::dates;
 use residual_columns::error::Error;
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,87 @@
+//! How files of measured rows are laid out: what a model file of the analysis says under `[input]`,
+//! and a mapping file of an estimator likewise.
+
+use serde::{Deserialize, Serialize};
+
+/// How files are read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Input {
+    /// Names for the columns of text files without a header.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub header: Vec<String>,
+    /// Column separator of text files: one character, or `blank` for runs of blanks.
+    pub separator: String,
+    /// What begins a comment line of text files: one character. Empty: `%` in a file that begins
+    /// with it, else `#`.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub comment: String,
+    /// Lines at the head of text files to leave out before anything else.
+    #[serde(skip_serializing_if = "is_zero_usize")]
+    pub skip: usize,
+    /// Decimal mark of text files: `.` or `,`.
+    pub decimal: String,
+    /// Rows per second of logs without a time column, in Hz: the column that `roles.time` names is
+    /// then made from the row numbers. 0: the logs have it.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub rate: f64,
+    /// A pattern of the file name, such as `unit{unit}_torque{torque}_comp{comp}`: each `{name}`
+    /// takes the number at its place and becomes a column. A pattern with a `/` is matched against
+    /// the whole path.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub file_name: String,
+    /// Kinds of message in text logs whose lines begin with their kind; empty: all lines are of one
+    /// kind.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub messages: Vec<Message>,
+    /// Columns that split a file into sequences, such as `unit`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sequence: Vec<String>,
+}
+
+impl Default for Input {
+    fn default() -> Self {
+        Input {
+            header: vec![],
+            separator: ",".into(),
+            comment: String::new(),
+            skip: 0,
+            decimal: ".".into(),
+            rate: 0.0,
+            file_name: String::new(),
+            messages: vec![],
+            sequence: vec![],
+        }
+    }
+}
+
+/// One kind of message in a log.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Message {
+    /// What its lines begin with.
+    pub begins: String,
+    /// Names of its cells, the kind itself included; an empty name leaves a cell out.
+    pub header: Vec<String>,
+}
+
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
+}
+
+fn is_zero_usize(x: &usize) -> bool {
+    *x == 0
+}
+
+/// What to do with a flaw that was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Action {
+    /// Only report it.
+    #[default]
+    Report,
+    /// Leave the rows out of the fit.
+    Drop,
+    /// Correct the values (only for a 256-fold scale and a wrapped angle).
+    Fix,
+}
