@@ -115,7 +115,7 @@ fn no_speed_that_a_host_can_tell_is_a_hazard() {
         for speed in [full, 20_000, 3_000] {
             let mut turned =
                 |t: f64, _: usize| Some(if cycle(t) % 2 == 0 { speed } else { -speed });
-            check(&format!("to and fro with {speed} um/s"), &mut turned);
+            check(&format!("back and forth with {speed} um/s"), &mut turned);
         }
         check("anything", &mut |_, _| {
             let size = 10f64.powf(6.0 * random.unit());

@@ -101,7 +101,7 @@ mod tests {
             torque.iter().all(|misfit| (1.5..4.0).contains(misfit)),
             "{torque:?}"
         );
-        // To and fro within a second: in the first alone.
+        // Back and forth within a second: in the first alone.
         let ripple = after_a_minute(|t| 0.024 * (9.0 * t).sin(), 0.0);
         assert!(ripple[0] > 1.5 && ripple[2] < 0.3, "{ripple:?}");
         // A force where there was none in training is one too: the model was not trained for it.

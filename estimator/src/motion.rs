@@ -695,7 +695,7 @@ mod tests {
         let mut at = 0.5;
         let mut last = Moment::default();
         for n in 0..400 {
-            // To and fro at 0.01 rad/s.
+            // Back and forth at 0.01 rad/s.
             at += if (n / 100) % 2 == 0 { 2e-4 } else { -2e-4 };
             last = *motion.step(&row(at, 0.0));
             let bending = n % 100 == 3;

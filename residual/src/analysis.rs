@@ -145,6 +145,7 @@ pub fn analyse_checked(
         parameters,
         improving,
         equal,
+        not_judged,
     } = attribute(&mut search, outcome, check.as_ref())?;
     if let Some(doubt) = feedback::doubt(&search, &outcome.chosen, &weights, left.explained)? {
         left.doubt(doubt);
@@ -157,6 +158,7 @@ pub fn analyse_checked(
         parameters: &parameters,
         improving: improving.as_ref(),
         equal,
+        not_judged,
         check: check.as_ref(),
     };
     let mut report = assembly::report(found, &data)?;

@@ -37,6 +37,8 @@ pub(crate) struct Found<'a> {
     pub improving: Option<&'a Improving>,
     /// Other names that predict as well.
     pub equal: Vec<EqualPath>,
+    /// Paths that predict as well and were not judged.
+    pub not_judged: usize,
     /// Data to check the models on.
     pub check: Option<&'a Checked>,
 }
@@ -94,6 +96,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         verdict,
         not_identifiable: ambiguous,
         equal_paths: found.equal,
+        paths_not_judged: found.not_judged,
         plot_unknown: match (&found.left.largest, found.left.when) {
             (Some(nameless), _) => {
                 let against = nameless.against().unwrap_or(&search.load);

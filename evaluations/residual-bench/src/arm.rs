@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 use residual::spec::Spec;
-use residual::{Data, EffectKind, EqualPath, Report, Verdict};
+use residual::{Data, EffectKind, Report, Verdict};
 use std::fmt::Write;
 use std::ops::RangeInclusive;
 use synthetic_sets::arm::{generate, Motion, Recipe, Set};
@@ -42,23 +42,63 @@ const RIGHT: [EffectKind; 5] = [
 pub struct Outcome {
     /// The set.
     pub recipe: Recipe,
-    /// Names that are called found, but for those that stand beside a right one.
+    /// Names that are called found and have no other beside them.
     pub found: Vec<EffectKind>,
-    /// Names in whose place others predict as well.
-    pub either: Vec<String>,
-    /// Whether friction and a weight are among them.
-    pub whole: bool,
+    /// Names that are called found with others that may stand for them, each with its entries.
+    pub either: Vec<Either>,
+    /// Further courses of the search as good as these, whose names were not judged.
+    pub not_judged: usize,
     /// Held-out RMSE over that of the noise.
     pub over_noise: f64,
 }
 
-impl Outcome {
-    /// Names that are called found and are not there.
-    #[must_use]
-    pub fn wrong(&self) -> Vec<EffectKind> {
-        let wrong = |kind: &&EffectKind| !RIGHT.contains(kind);
-        self.found.iter().filter(wrong).copied().collect()
+/// *A or B and C*: names of which one entry is right.
+#[derive(Debug, Clone)]
+pub struct Either(Vec<Vec<EffectKind>>);
+
+impl Either {
+    /// The entries that are right.
+    fn right(&self) -> impl Iterator<Item = &Vec<EffectKind>> {
+        let is_right = |entry: &&Vec<EffectKind>| entry.iter().all(|kind| RIGHT.contains(kind));
+        self.0.iter().filter(is_right)
     }
+
+    fn words(&self) -> String {
+        let joined = |kinds: &Vec<EffectKind>| {
+            let names: Vec<&str> = kinds.iter().map(|kind| kind.as_str()).collect();
+            names.join(" and ")
+        };
+        self.0.iter().map(joined).collect::<Vec<_>>().join(" or ")
+    }
+}
+
+impl Outcome {
+    /// Whether a name is called found that is not there, or several of which none is.
+    #[must_use]
+    pub fn is_wrong(&self) -> bool {
+        self.found.iter().any(|kind| !RIGHT.contains(kind))
+            || self.either.iter().any(|either| either.right().count() == 0)
+    }
+
+    /// Whether friction and a weight are found, by names that stand alone.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        is_whole(&self.found)
+    }
+
+    /// Whether they are found only with what is right of *A or B*.
+    #[must_use]
+    pub fn is_among(&self) -> bool {
+        let right = self.either.iter().flat_map(Either::right).flatten();
+        let all: Vec<EffectKind> = self.found.iter().chain(right).copied().collect();
+        !self.is_whole() && is_whole(&all)
+    }
+}
+
+/// Whether friction and a weight are among some names.
+fn is_whole(names: &[EffectKind]) -> bool {
+    let has = |kinds: &[EffectKind]| kinds.iter().any(|kind| names.contains(kind));
+    has(&RIGHT[..2]) && has(&RIGHT[2..4])
 }
 
 /// The sets of some seeds: each motion, each joint, 0.03 to 150 N·m, a wide and a short arc, little
@@ -113,14 +153,6 @@ fn analyse(set: &Set) -> Result<Report, residual::Error> {
     residual::analyse(&Spec::parse(MODEL)?, data, &mut ())
 }
 
-fn either(path: &EqualPath) -> String {
-    let joined = |kinds: &[EffectKind]| {
-        let names: Vec<&str> = kinds.iter().map(|kind| kind.as_str()).collect();
-        names.join(" and ")
-    };
-    format!("{} or {}", joined(&path.effects), joined(&path.instead))
-}
-
 /// Makes a set and has it analysed.
 ///
 /// # Errors
@@ -128,38 +160,24 @@ fn either(path: &EqualPath) -> String {
 pub fn evaluate(recipe: &Recipe) -> Result<Outcome, String> {
     let set = generate(recipe);
     let report = analyse(&set).map_err(|error| format!("{recipe:?}: {error}"))?;
-    // A name that cannot be distinguished from a right one stands beside it.
-    let is_beside = |kind: EffectKind| {
-        let mut equal = report.equal_paths.iter();
-        if equal.any(|p| p.effects.contains(&kind) && p.instead.iter().any(|k| RIGHT.contains(k))) {
-            return true;
+    let (mut found, mut either) = (vec![], vec![]);
+    if !matches!(report.verdict, Verdict::None | Verdict::Unknown) {
+        for effect in &report.effects {
+            let others = report.others(effect.name);
+            if others.is_empty() {
+                found.push(effect.name);
+            } else {
+                let own = std::iter::once(vec![effect.name]);
+                either.push(Either(own.chain(others).collect()));
+            }
         }
-        let groups = report.not_identifiable.iter();
-        let own = groups.filter(|g| g.effects.first() == Some(&kind));
-        own.flat_map(|g| &g.effects)
-            .any(|other| RIGHT.contains(other))
-    };
-    let found: Vec<EffectKind> = match report.verdict {
-        Verdict::None | Verdict::Unknown => vec![],
-        _ => (report.effects.iter())
-            .filter(|e| e.unsupported.is_empty())
-            .map(|e| e.name)
-            .filter(|kind| RIGHT.contains(kind) || !is_beside(*kind))
-            .collect(),
-    };
-    let has = |kinds: &[EffectKind]| {
-        let named = |kind: &EffectKind| {
-            let mut equal = report.equal_paths.iter();
-            found.contains(kind) || equal.any(|p| p.instead.contains(kind))
-        };
-        kinds.iter().any(named)
-    };
+    }
     Ok(Outcome {
         recipe: *recipe,
-        whole: has(&RIGHT[..2]) && has(&RIGHT[2..4]),
         over_noise: report.last.heldout_rmse / set.noise_rms_nm,
-        either: report.equal_paths.iter().map(either).collect(),
+        not_judged: report.paths_not_judged,
         found,
+        either,
     })
 }
 
@@ -175,22 +193,25 @@ pub fn table(seeds: RangeInclusive<u64>, list: bool) -> Result<String, String> {
     let mut text = String::new();
     for o in outcomes
         .iter()
-        .filter(|o| list && (!o.whole || !o.wrong().is_empty()))
+        .filter(|o| list && (!o.is_whole() || o.is_wrong()))
     {
         let names: Vec<&str> = o.found.iter().map(|kind| kind.as_str()).collect();
+        let either: Vec<String> = o.either.iter().map(Either::words).collect();
         let _ = writeln!(
             text,
-            "{:?}: {} [{}] ({:.3})",
+            "{}{:?}: {} [{}] ({:.3}, {} not judged)",
+            if o.is_wrong() { "WRONG " } else { "" },
             o.recipe,
             names.join(", "),
-            o.either.join("; "),
-            o.over_noise
+            either.join("; "),
+            o.over_noise,
+            o.not_judged
         );
     }
     let _ = writeln!(
         text,
-        "| motion | sets | friction and a weight found | another name found | median of RMSE over noise |\n\
-         | --- | --- | --- | --- | --- |"
+        "| motion | sets | friction and a weight found | in *A or B* | another name found | paths not judged | median of RMSE over noise |\n\
+         | --- | --- | --- | --- | --- | --- | --- |"
     );
     for motion in Motion::ALL {
         let own: Vec<&Outcome> = (outcomes.iter())
@@ -201,13 +222,45 @@ pub fn table(seeds: RangeInclusive<u64>, list: bool) -> Result<String, String> {
         ratios.sort_by(f64::total_cmp);
         let _ = writeln!(
             text,
-            "| {} | {} | {} | {} | {:.3} |",
+            "| {} | {} | {} | {} | {} | {} | {:.3} |",
             motion.words(),
             own.len(),
-            count(&|o| o.whole),
-            count(&|o| !o.wrong().is_empty()),
+            count(&Outcome::is_whole),
+            count(&Outcome::is_among),
+            count(&Outcome::is_wrong),
+            count(&|o| o.not_judged > 0),
             ratios[ratios.len() / 2]
         );
     }
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_beside_another_is_not_found() {
+        use EffectKind::{Coulomb, Geometry, GravityAngle, Inertia, Viscous};
+        let of = |found: &[EffectKind], either: &[&[&[EffectKind]]]| {
+            let entries = |all: &&[&[EffectKind]]| {
+                Either(all.iter().map(|entry| entry.to_vec()).collect())
+            };
+            let outcome = Outcome {
+                recipe: recipes(1..=1)[0],
+                found: found.to_vec(),
+                either: either.iter().map(entries).collect(),
+                not_judged: 0,
+                over_noise: 1.0,
+            };
+            (outcome.is_whole(), outcome.is_among(), outcome.is_wrong())
+        };
+        assert_eq!(of(&[Coulomb, GravityAngle], &[]), (true, false, false));
+        assert_eq!(of(&[Coulomb, Viscous], &[]), (false, false, true));
+        let other: &[&[EffectKind]] = &[&[Geometry], &[GravityAngle, Inertia]];
+        assert_eq!(of(&[Coulomb], &[other]), (false, true, false));
+        // An entry is right as a whole.
+        let part: &[&[EffectKind]] = &[&[Geometry], &[GravityAngle, Viscous]];
+        assert_eq!(of(&[Coulomb], &[part]), (false, false, true));
+    }
 }

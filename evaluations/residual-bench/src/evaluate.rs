@@ -46,8 +46,8 @@ pub struct Outcome {
     pub answer: String,
     /// Effects named, strongest first.
     pub named: Vec<String>,
-    /// Effects that are reported as not distinguishable, the first such list.
-    pub among: Vec<String>,
+    /// What may stand for the effect that is named first.
+    pub others: Vec<String>,
     /// Nameless structure left, strongest first.
     pub structure: Vec<String>,
     /// Parameters of each true effect that was named.
@@ -203,11 +203,14 @@ pub fn evaluate(case: &Case) -> Result<Outcome, String> {
             .iter()
             .map(|effect| effect.name.to_string())
             .collect(),
-        among: report
-            .not_identifiable
+        others: report
+            .effects
             .first()
-            .map(|first| first.effects.iter().map(ToString::to_string).collect())
-            .unwrap_or_default(),
+            .map(|first| report.others(first.name).concat())
+            .unwrap_or_default()
+            .iter()
+            .map(ToString::to_string)
+            .collect(),
         structure: report
             .structure
             .iter()

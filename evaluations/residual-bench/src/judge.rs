@@ -11,8 +11,9 @@
 //! `presliding` (the friction of the whole log that keeps its direction at rest) called `coulomb`
 //! is wrong.
 //!
-//! `not_identifiable` is not right either: it has its own column where the true effect is among the
-//! effects it lists first, and counts as wrong where it is not.
+//! *A or B* is not right either, whether the verdict is `not_identifiable` or another course of the
+//! search predicts as well: it has a class of its own where the true effect is among the names, and
+//! counts as wrong where it is not.
 
 use residual::{Effect, EffectKind, Form, Report, Verdict};
 use std::collections::BTreeMap;
@@ -23,7 +24,7 @@ use synthetic_sets::{effect::Effect as True, Kind};
 pub enum Class {
     /// The true effect comes first; for empty sets: `none`; for uncatalogued ones: `unknown`.
     Right,
-    /// The true effect is among those that are reported as not distinguishable.
+    /// The true effect is among several names that are given first: *A or B*.
     Among,
     /// Something is said to be missing, but not what.
     Unknown,
@@ -59,44 +60,47 @@ pub fn class(report: &Report, kinds: &[Kind], uncatalogued: bool) -> Class {
         Verdict::None => Class::None,
         Verdict::Unknown if uncatalogued => Class::Right,
         Verdict::Unknown => Class::Unknown,
-        Verdict::NotIdentifiable => {
-            let listed = report
-                .not_identifiable
-                .first()
-                .is_some_and(|first| kinds.iter().any(|kind| among(*kind, &first.effects)));
-            if listed {
-                Class::Among
-            } else {
-                Class::Wrong
-            }
-        }
-        Verdict::Effect | Verdict::Several => {
-            let first = report.effects.first().is_some_and(|effect| {
-                kinds
-                    .iter()
-                    .any(|kind| is(*kind, effect.name, effect.form_kind))
-            });
-            if first {
-                Class::Right
-            } else {
-                Class::Wrong
-            }
-        }
+        _ => match report.effects.first() {
+            Some(first) => named(report, first, kinds),
+            None => Class::Wrong,
+        },
     }
 }
 
-/// Column of the confusion table: the first effect named, or the verdict where none counts as
-/// named.
-#[must_use]
-pub fn answer(report: &Report) -> String {
-    match report.verdict {
-        Verdict::Effect | Verdict::Several => report
-            .effects
-            .first()
-            .map_or_else(|| "none".into(), |effect| effect.name.to_string()),
-        other => other.word().into(),
+/// The class of the effect that is named first, with those that may stand for it.
+fn named(report: &Report, first: &Effect, kinds: &[Kind]) -> Class {
+    let others = report.others(first.name);
+    let right = kinds
+        .iter()
+        .any(|kind| is(*kind, first.name, first.form_kind));
+    let listed = |kind: &Kind| among(*kind, &others.concat());
+    match (right, others.is_empty()) {
+        (true, true) => Class::Right,
+        (true, false) => Class::Among,
+        _ if kinds.iter().any(listed) => Class::Among,
+        _ => Class::Wrong,
     }
 }
+
+/// Column of the confusion table: the first effect named, [`EITHER`] where another name may stand
+/// for it, or the verdict where none counts as named.
+#[must_use]
+pub fn answer(report: &Report) -> String {
+    match (report.verdict, report.effects.first()) {
+        (Verdict::Effect | Verdict::Several, Some(first)) => {
+            if report.others(first.name).is_empty() {
+                first.name.to_string()
+            } else {
+                EITHER.into()
+            }
+        }
+        (Verdict::NotIdentifiable, _) => EITHER.into(),
+        (other, _) => other.word().into(),
+    }
+}
+
+/// What stands in the tables for several names of which one is given.
+pub const EITHER: &str = "A or B";
 
 /// A parameter of the truth and its estimate.
 #[derive(Debug, Clone, PartialEq)]
@@ -183,6 +187,45 @@ fn either(params: &BTreeMap<String, f64>, names: &[&str]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The report of a set with dry friction, three times the noise.
+    fn report() -> Report {
+        let plan = crate::case::Plan {
+            seeds: 10_000..=10_000,
+            kind: Some(Kind::Coulomb),
+            quick: false,
+        };
+        let case = plan.cases().remove(0);
+        let set = synthetic_sets::generate(&case.recipe());
+        crate::evaluate::analyse(&set).expect("a report")
+    }
+
+    #[test]
+    fn one_of_several_names_is_a_class_of_its_own() {
+        use EffectKind::{Coulomb, Gain, Hysteresis, Viscous};
+        let mut report = report();
+        let of = |report: &Report| (class(report, &[Kind::Coulomb], false), answer(report));
+        assert_eq!(of(&report), (Class::Right, "coulomb".into()));
+        let either = |effects, instead| residual::EqualPath {
+            effects,
+            instead,
+            heldout_rmse: 1.0,
+        };
+        report.equal_paths = vec![either(vec![Coulomb], vec![Hysteresis, Gain])];
+        assert_eq!(of(&report), (Class::Among, EITHER.into()));
+        // The true one may be the other.
+        report.effects[0].name = Viscous;
+        report.equal_paths = vec![either(vec![Viscous], vec![Coulomb])];
+        assert_eq!(of(&report).0, Class::Among);
+        report.equal_paths = vec![either(vec![Viscous], vec![Gain])];
+        assert_eq!(of(&report).0, Class::Wrong);
+        // It is that of another effect.
+        report.equal_paths = vec![either(vec![Gain], vec![Coulomb])];
+        assert_eq!(of(&report).0, Class::Wrong);
+        report.equal_paths.clear();
+        report.not_identifiable = vec![residual::Ambiguity::new(vec![Viscous, Coulomb], "")];
+        assert_eq!(of(&report).0, Class::Among);
+    }
 
     #[test]
     fn only_the_same_physics_passes_for_the_same() {

@@ -109,7 +109,7 @@ fn run(options: &Options) -> Result<ExitCode, String> {
             .filter(|o| o.class != Class::Right || o.extra > 0)
         {
             println!(
-                "{:?} {} x{} seed {} {:?}: {} [{}] n.i. [{}] left [{}] rmse/oracle {:.4}",
+                "{:?} {} x{} seed {} {:?}: {} [{}] or [{}] left [{}] rmse/oracle {:.4}",
                 o.case.group,
                 o.case.truth(),
                 o.case.strength,
@@ -117,7 +117,7 @@ fn run(options: &Options) -> Result<ExitCode, String> {
                 o.class,
                 o.verdict,
                 o.named.join(", "),
-                o.among.join(", "),
+                o.others.join(", "),
                 o.structure.first().map_or("", String::as_str),
                 o.over_oracle(),
             );

@@ -3,7 +3,7 @@
 
 use crate::case::{Group, STRENGTHS};
 use crate::evaluate::Outcome;
-use crate::judge::Class;
+use crate::judge::{Class, EITHER};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -97,7 +97,7 @@ pub fn rates(all: &[Outcome]) -> Vec<Rate> {
         ),
         share("... at the noise", known(1.0, 3.0), right, Target::None),
         share(
-            "... said not to be identifiable, the true effect listed",
+            "... *A or B*, the true effect among them",
             known(1.0, 99.0),
             among,
             Target::None,
@@ -115,7 +115,7 @@ pub fn rates(all: &[Outcome]) -> Vec<Rate> {
             Target::AtLeast(0.80),
         ),
         share(
-            "... said not to be identifiable, the true effect listed",
+            "... *A or B*, the true effect among them",
             known(0.0, 1.0),
             among,
             Target::None,
@@ -133,7 +133,7 @@ pub fn rates(all: &[Outcome]) -> Vec<Rate> {
             Target::None,
         ),
         share(
-            "... said not to be identifiable, the true effect listed",
+            "... *A or B*, the true effect among them",
             group(Group::Closed),
             among,
             Target::None,
@@ -325,7 +325,7 @@ fn counts(sets: &[&Outcome]) -> String {
     let texts: Vec<_> = counts
         .into_iter()
         .map(|((_, answer), n)| match answer {
-            "not_identifiable" => format!("{answer} {n}, with the truth among them {among}"),
+            EITHER => format!("{answer} {n}, with the truth among them {among}"),
             _ => format!("{answer} {n}"),
         })
         .collect();
@@ -412,7 +412,7 @@ pub fn json(all: &[Outcome]) -> String {
                 "class": format!("{:?}", o.class).to_lowercase(),
                 "verdict": o.verdict,
                 "named": o.named,
-                "not_identifiable": o.among,
+                "others": o.others,
                 "structure": o.structure,
                 "estimates": o.estimates.iter().map(|e| serde_json::json!({
                     "name": e.name, "truth": e.truth, "found": e.found,

@@ -84,6 +84,6 @@ fn a_joint_that_swings_over_a_short_arc_has_friction_and_a_weight() {
         seed: 71_902,
     });
     let outcome = outcome.expect("the analysis runs");
-    assert!(outcome.whole && outcome.wrong().is_empty(), "{outcome:?}");
+    assert!(outcome.is_whole() && !outcome.is_wrong(), "{outcome:?}");
     assert!(outcome.over_noise < 1.1, "{outcome:?}");
 }

@@ -20,22 +20,22 @@ const STEP_S: f64 = 1e-4;
 pub enum Motion {
     /// Both swing together, each log at a frequency of its own.
     Together,
-    /// To and fro at nearly constant speed, both together, each log at a speed of its own.
-    ToAndFro,
+    /// Back and forth at nearly constant speed, both together, each log at a speed of its own.
+    BackAndForth,
     /// Three sines for each joint.
     Free,
 }
 
 impl Motion {
     /// All.
-    pub const ALL: [Self; 3] = [Self::Together, Self::ToAndFro, Self::Free];
+    pub const ALL: [Self; 3] = [Self::Together, Self::BackAndForth, Self::Free];
 
     /// In words.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::Together => "both swing together",
-            Self::ToAndFro => "to and fro together",
+            Self::BackAndForth => "back and forth together",
             Self::Free => "each by itself",
         }
     }
@@ -105,7 +105,7 @@ impl Path {
                 let first = vec![(wide, w, phase), (0.1 * arc, 2.3 * w, 0.0)];
                 Self::Sines(first, vec![(ratio * wide, w, phase + 0.05)])
             }
-            Motion::ToAndFro => {
+            Motion::BackAndForth => {
                 let rate = (1.0 + 0.7 * n) / 8.0;
                 Self::Ramps([1.4 * wide, 1.4 * ratio * wide], rate, phase / TAU, 0.02)
             }

@@ -64,6 +64,17 @@ pub struct Motor {
     pub unit: &'static str,
 }
 
+/// What was found of a robot.
+#[derive(Debug, Clone, Serialize)]
+pub struct Explained {
+    /// Its motors.
+    pub motors: Vec<Motor>,
+    /// Rows that were looked at.
+    pub rows: usize,
+    /// Those of them without a measured force, which counts as none there.
+    pub rows_without_force: usize,
+}
+
 /// Why nothing can be said.
 #[derive(Debug, thiserror::Error)]
 pub enum ExplainError {
@@ -81,11 +92,11 @@ pub enum ExplainError {
 }
 
 /// Says what `estimator` lacks of the robot in these sequences. A force that was not measured
-/// counts as none.
+/// counts as none; how many rows have none is counted.
 ///
 /// # Errors
 /// The model has no torque balance, or there are too few rows.
-pub fn explain(estimator: &Estimator, sequences: &[&Sequence]) -> Result<Vec<Motor>, ExplainError> {
+pub fn explain(estimator: &Estimator, sequences: &[&Sequence]) -> Result<Explained, ExplainError> {
     let every = (EVERY_S / estimator.step_s).round().max(1.0) as usize;
     let mut stretches: Vec<Vec<[Balance; 3]>> = Vec::new();
     for sequence in sequences {
@@ -103,7 +114,13 @@ pub fn explain(estimator: &Estimator, sequences: &[&Sequence]) -> Result<Vec<Mot
             error,
         })
     });
-    motors.collect()
+    let forces = sequences.iter().flat_map(|s| s.target.chunks(s.targets));
+    let lacks = |force: &&[f32]| force.iter().any(|n| !n.is_finite());
+    Ok(Explained {
+        motors: motors.collect::<Result<_, _>>()?,
+        rows: sequences.iter().map(|s| s.rows()).sum(),
+        rows_without_force: forces.filter(lacks).count(),
+    })
 }
 
 fn analyse(i: usize, stretches: &[Vec<Balance>]) -> Result<Motor, residual::Error> {
@@ -211,22 +228,21 @@ fn words(report: &Report, joint: &str, unit: &str, friction: &Friction, floor: f
     let known = |effect: &&Effect| report.verdict != Verdict::Unknown || report.holds(effect);
     for effect in report.effects.iter().filter(known) {
         let mut text = word(effect, joint, unit, friction);
-        let alike = (report.not_identifiable.iter())
-            .find(|ambiguity| ambiguity.effects.first() == Some(&effect.name));
-        let mut others: Vec<EffectKind> =
-            alike.map_or_else(Vec::new, |alike| alike.effects[1..].to_vec());
+        let mut others = report.others(effect.name);
         let twin = match effect.name {
             EffectKind::Gain => Some(EffectKind::Coulomb),
             EffectKind::Coulomb => Some(EffectKind::Gain),
             _ => None,
         };
-        others.extend(twin.filter(|twin| friction.is_all && !others.contains(twin)));
+        let twin = twin.map(|twin| vec![twin]).filter(|_| friction.is_all);
+        others.extend(twin.filter(|twin| !others.contains(twin)));
         if !others.is_empty() {
-            let others = others.iter().map(|other| family(*other, joint));
-            text += &format!(
-                "; or {}: {CANNOT_TELL}",
-                others.collect::<Vec<_>>().join(" or ")
-            );
+            let together = |names: &Vec<EffectKind>| {
+                let names: Vec<String> = names.iter().map(|name| family(*name, joint)).collect();
+                names.join(" with ")
+            };
+            let others: Vec<String> = others.iter().map(together).collect();
+            text += &format!("; or {}: {CANNOT_TELL}", others.join(" or "));
         }
         out.push(text);
     }
@@ -250,19 +266,12 @@ fn words(report: &Report, joint: &str, unit: &str, friction: &Friction, floor: f
 /// An effect in words, with its size.
 fn word(effect: &Effect, joint: &str, unit: &str, friction: &Friction) -> String {
     let value = |name: &str| effect.params.get(name).copied().unwrap_or(f64::NAN);
-    // Of the torque per command: more gain needs less command.
-    let moved = |share: f64, down: &str, up: &str| {
-        format!(
-            "{} by {:.1} %",
-            if share < 0.0 { down } else { up },
-            100.0 * share.abs()
-        )
-    };
     match effect.name {
         EffectKind::Coulomb => format!(
             "friction of the {joint} {}",
             moved(value("friction") / friction.mean, "fell", "rose")
         ),
+        // Of the torque per command: more gain needs less command.
         EffectKind::Gain => {
             let gain = 1.0 / (1.0 + value("gain_error")) - 1.0;
             format!(
@@ -282,12 +291,26 @@ fn word(effect: &Effect, joint: &str, unit: &str, friction: &Friction) -> String
                 Form::ShareOfLoad => (amplitude, "torque"),
                 _ => (amplitude / friction.mean, "friction"),
             };
-            format!(
-                "ripple of the {joint}'s motor: {:.0} % of the {of} over a turn",
-                100.0 * share
-            )
+            let ripple = format!("ripple of the {joint}'s motor");
+            match share.is_finite() {
+                true => format!("{ripple}: {:.0} % of the {of} over a turn", 100.0 * share),
+                false => ripple,
+            }
         }
         other => family(other, joint),
+    }
+}
+
+/// Which way a share has moved, and by how much. Where a motor never slides, its friction has no
+/// mean, and a share of it no size.
+fn moved(share: f64, down: &str, up: &str) -> String {
+    if share.is_nan() {
+        return "changed".to_owned();
+    }
+    let way = if share < 0.0 { down } else { up };
+    match share.is_finite() {
+        true => format!("{way} by {:.1} %", 100.0 * share.abs()),
+        false => way.to_owned(),
     }
 }
 
@@ -302,5 +325,20 @@ fn family(effect: EffectKind, joint: &str) -> String {
         }
         EffectKind::DriftTime => format!("a torque at the {joint} that changes with time"),
         other => other.meaning().to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::moved;
+
+    #[test]
+    fn a_share_of_nothing_has_no_size() {
+        let says = |share| moved(share, "fell", "rose");
+        assert_eq!(says(-0.061), "fell by 6.1 %");
+        assert_eq!(says(0.03), "rose by 3.0 %");
+        assert_eq!(says(-0.1 / 0.0), "fell");
+        assert_eq!(says(0.1 / 0.0), "rose");
+        assert_eq!(says(f64::NAN), "changed");
     }
 }

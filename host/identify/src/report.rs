@@ -11,18 +11,6 @@ impl Trial {
     /// The report in JSON.
     #[must_use]
     pub fn record(&self, rig_name: &str) -> Value {
-        let unit = |u: &UnitFinding| {
-            json!({
-                "unit": u.unit,
-                "verdict": u.report.verdict,
-                "heldout_rmse_before": u.report.baseline.heldout_rmse,
-                "heldout_rmse_after": u.report.last.heldout_rmse,
-                "effects": u.report.effects,
-                "not_identifiable": u.report.not_identifiable,
-                "structure": u.report.structure,
-                "not_used": u.not_used,
-            })
-        };
         let applied = self.applied.as_ref();
         json!({
             "rig": self.before.link,
@@ -93,7 +81,8 @@ impl Trial {
                 .to_owned(),
         );
         for UnitFinding { unit, report, .. } in units {
-            let effects: Vec<String> = report.effects.iter().map(effect).collect();
+            let effects = report.effects.iter().map(|e| effect(report, e));
+            let effects: Vec<String> = effects.collect();
             lines.push(format!(
                 "| {unit} | {} | {:.3} -> {:.3} | {} |",
                 report.verdict.word(),
@@ -177,8 +166,23 @@ impl Trial {
     }
 }
 
-/// An effect with its numbers, in a line.
-fn effect(e: &residual::Effect) -> String {
+/// What was found of a unit, in JSON.
+pub(super) fn unit(u: &UnitFinding) -> Value {
+    json!({
+        "unit": u.unit,
+        "verdict": u.report.verdict,
+        "heldout_rmse_before": u.report.baseline.heldout_rmse,
+        "heldout_rmse_after": u.report.last.heldout_rmse,
+        "effects": u.report.effects,
+        "not_identifiable": u.report.not_identifiable,
+        "equal_paths": u.report.equal_paths,
+        "structure": u.report.structure,
+        "not_used": u.not_used,
+    })
+}
+
+/// An effect with its numbers, in a line, under all names that may stand for it.
+pub(super) fn effect(report: &residual::Report, e: &residual::Effect) -> String {
     let numbers: Vec<String> = e
         .params
         .iter()
@@ -190,5 +194,5 @@ fn effect(e: &residual::Effect) -> String {
                 .to_owned()
         })
         .collect();
-    format!("{} ({})", e.name, numbers.join(", "))
+    format!("{} ({})", report.alternatives(e), numbers.join(", "))
 }

@@ -103,6 +103,7 @@ fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
     let parsed = Rig::parse("rig", &findings.rewritten.text).unwrap();
     assert_eq!(parsed, findings.rig);
     refuses_what_is_not_clear(&findings.units[0].report);
+    names_what_may_stand_for_an_effect(findings.units[0].clone());
 }
 
 #[test]
@@ -269,6 +270,21 @@ fn what_helps_is_said_where_the_board_has_no_setting() {
         "{advice:?} {}",
         report.summary()
     );
+}
+
+/// Names of another course of the search that predicts as well are in all that is written.
+fn names_what_may_stand_for_an_effect(mut unit: UnitFinding) {
+    use residual::EffectKind::{Gain, Hysteresis};
+    let own = unit.report.effects[0].name;
+    unit.report.equal_paths = vec![residual::EqualPath {
+        effects: vec![own],
+        instead: vec![Hysteresis, Gain],
+        heldout_rmse: 0.1,
+    }];
+    let record = report::unit(&unit);
+    assert_eq!(record["equal_paths"][0]["instead"][1], "gain");
+    let line = report::effect(&unit.report, &unit.report.effects[0]);
+    assert!(line.starts_with(&format!("{own} or hysteresis and gain (")), "{line}");
 }
 
 /// From a report that a board may use: the same with other verdicts.

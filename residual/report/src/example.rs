@@ -103,6 +103,7 @@ pub(super) fn report() -> Report {
             instead: vec![EffectKind::Hysteresis, EffectKind::Gain],
             heldout_rmse: 0.1,
         }],
+        paths_not_judged: 2,
         structure: vec![Structure::new("a curve in velocity", 0.021, 3e-5)],
         seen_not_material: vec![NotMaterial {
             name: EffectKind::Gain,

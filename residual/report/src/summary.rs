@@ -61,6 +61,7 @@ impl Report {
         let doubtful = !self.improves.is_empty()
             || self.limited.is_some()
             || !self.equal_paths.is_empty()
+            || self.paths_not_judged > 0
             || self.left().is_some()
             || worse.is_some()
             || coloured
@@ -77,6 +78,13 @@ impl Report {
 
     /// Which names may as well be others.
     fn equals(&self) -> String {
+        let more = match self.paths_not_judged {
+            0 => String::new(),
+            1 => " One more course of the search predicts as well; its names were not judged.".into(),
+            n => format!(
+                " {n} more courses of the search predict as well; their names were not judged."
+            ),
+        };
         let all = self.equal_paths.iter().map(|p| {
             format!(
                 " These data do not tell {} or {}: with {} the model predicts as well (held-out RMSE {} {}).",
@@ -87,7 +95,7 @@ impl Report {
                 self.unit
             )
         });
-        all.collect()
+        all.chain([more]).collect()
     }
 
     /// What remains beside the effects.
@@ -127,10 +135,9 @@ impl Report {
         };
         // A phase near 0 has no size of its own, and no value without an interval is certain.
         let mut sizes = effect.params.iter().filter(|(name, _)| *name != "phase");
-        let alone = !self
-            .not_identifiable
-            .iter()
-            .any(|a| a.effects.contains(&effect.name));
+        let stands_for_another = |e: &Effect| self.others(e.name).concat().contains(&effect.name);
+        let alone = self.others(effect.name).is_empty()
+            && !self.effects.iter().any(stands_for_another);
         !self.structure.is_empty() && alone && own > FAR_MORE * left && sizes.all(certain)
     }
 
@@ -365,6 +372,7 @@ mod tests {
         report.verdict = Verdict::Effect;
         report.not_identifiable.clear();
         report.equal_paths.clear();
+        report.paths_not_judged = 0;
         report.limited = None;
         report.with_all = None;
         report.check = None;
@@ -430,6 +438,11 @@ mod tests {
         assert!(report.compensation().is_none());
         report.equal_paths.clear();
         assert!(report.compensation().is_some());
+        // How many were not judged is said, too.
+        for (count, said) in [(1, "One more course of"), (4, "4 more courses of")] {
+            report.paths_not_judged = count;
+            says(&report, said, "effect partly");
+        }
     }
 
     #[test]
@@ -494,6 +507,10 @@ mod tests {
             |r: &mut Report| {
                 let both = vec![r.effects[0].name, EffectKind::Viscous];
                 r.not_identifiable = vec![super::super::Ambiguity::new(both, "x")];
+            },
+            |r: &mut Report| {
+                r.equal_paths = example::report().equal_paths;
+                r.equal_paths[0].effects = vec![r.effects[0].name];
             },
         ] {
             let mut other = report.clone();

@@ -167,6 +167,9 @@ pub struct Report {
     /// Other sets of effects that another course of the search found, and that predict as well.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub equal_paths: Vec<EqualPath>,
+    /// Number of further courses of the search that predict as well and whose names were not judged.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub paths_not_judged: usize,
     /// Structure that no effect of the catalogue explains, largest first.
     pub structure: Vec<Structure>,
     /// Effects that are significant but too small to count.
@@ -186,4 +189,9 @@ pub struct Report {
     pub extended: Spec,
     /// Residual against the variable of the largest unexplained structure; `None` if there is none.
     pub plot_unknown: Option<Plot>,
+}
+
+/// Whether a count is left out of `report.json`.
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }

@@ -74,16 +74,29 @@ impl Report {
     }
 
     fn either(&self, name: String, effect: &Effect) -> String {
-        let same = self
-            .not_identifiable
-            .iter()
-            .filter(|a| a.effects.first() == Some(&effect.name));
-        let others = same.flat_map(|a| a.effects[1..].iter().map(|e| e.to_string()));
-        let equal = self.equal_paths.iter();
-        let equal = equal.filter(|p| p.effects.contains(&effect.name));
-        let equal = equal.map(|p| joined(&p.instead, " and "));
-        let names: Vec<String> = std::iter::once(name).chain(others).chain(equal).collect();
+        let others = self.others(effect.name);
+        let others = others.iter().map(|names| joined(names, " and "));
+        let names: Vec<String> = std::iter::once(name).chain(others).collect();
         names.join(" or ")
+    }
+
+    /// The names that may stand for an effect as well as its own: those that the data cannot
+    /// distinguish from it ([`Report::not_identifiable`]), and those of other courses of the search
+    /// that predict as well ([`Report::equal_paths`]). Names of one entry stand together: *A and
+    /// B*. Empty for an effect whose name is the only one.
+    pub fn others(&self, name: EffectKind) -> Vec<Vec<EffectKind>> {
+        let groups = self.not_identifiable.iter().map(|a| &a.effects);
+        let own = groups.filter(|names| names.first() == Some(&name));
+        let same = own.flat_map(|names| names[1..].iter().map(|n| vec![*n]));
+        let paths = self.equal_paths.iter();
+        let equal = paths.filter(|p| p.effects.contains(&name));
+        let mut out: Vec<Vec<EffectKind>> = Vec::new();
+        for names in same.chain(equal.map(|p| p.instead.clone())) {
+            if !out.contains(&names) {
+                out.push(names);
+            }
+        }
+        out
     }
 }
 
@@ -156,6 +169,20 @@ pub(super) fn first_of(names: &[String], most: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_names_that_may_stand_for_an_effect_are_in_one_place() {
+        use EffectKind::{Coulomb, Gain, Hysteresis, Offset, Viscous};
+        let report = super::super::example::report();
+        let others = report.others(Coulomb);
+        assert_eq!(others, [vec![Viscous], vec![Hysteresis, Gain]]);
+        // The first of a group is the one found.
+        assert!(report.others(Viscous).is_empty() && report.others(Offset).is_empty());
+        assert_eq!(
+            report.alternatives(&report.effects[0]),
+            "coulomb or viscous or hysteresis and gain"
+        );
+    }
 
     #[test]
     fn expressions_are_shortened_in_their_numbers_alone() {

@@ -38,7 +38,8 @@ const LIKE_PHYSICS: [EffectKind; 3] = [
 const SAME_ERRORS: f64 = 1.0;
 const SAME: f64 = 0.003;
 
-/// Most paths that are kept beside the best one.
+/// Most paths that are kept beside the best one: each costs a judgement of its names. How many more
+/// there are is told.
 const MOST_EQUAL: usize = 3;
 
 /// What a course of the search found, with the load on which its effects are built.
@@ -116,6 +117,7 @@ impl Search<'_> {
         }
         let rmse = |p: &Path| p.outcome.fitted.rmse();
         equals.sort_by(|a, b| rmse(a).total_cmp(&rmse(b)));
+        self.more_equal_paths = equals.len().saturating_sub(MOST_EQUAL);
         equals.truncate(MOST_EQUAL);
         self.equal_paths = equals;
         Ok(self.take(best))
@@ -288,7 +290,7 @@ impl Search<'_> {
     }
 
     /// Whether two outcomes predict as well as each other.
-    fn is_equal(&self, a: &Outcome, b: &Outcome) -> bool {
+    pub fn is_equal(&self, a: &Outcome, b: &Outcome) -> bool {
         let apart = (a.fitted.rmse() / b.fitted.rmse() - 1.0).abs();
         let unsure = || self.worse(&a.fitted, &b.fitted).abs() < SAME_ERRORS;
         apart < SAME || (apart < self.spec.selection.material && unsure())

@@ -45,6 +45,8 @@ pub struct Search<'a> {
     pub(super) limited: Option<EffectKind>,
     /// Other paths that predict as well as the one that was taken.
     pub equal_paths: Vec<Path>,
+    /// How many more there are than these.
+    pub more_equal_paths: usize,
     /// Effects whose names are not supported, and whether they are left out for now only.
     pub(super) barred: Vec<(EffectKind, bool)>,
     /// Instruments that were made last, by view.
@@ -102,6 +104,7 @@ impl<'a> Search<'a> {
             scans: HashMap::new(),
             limited: None,
             equal_paths: vec![],
+            more_equal_paths: 0,
             barred: vec![],
             last_instruments: Mutex::default(),
         })

@@ -46,8 +46,10 @@ const MOST: usize = 10;
 /// taken, if it is not worse by what counts: the rule of one standard error of cross-validation.
 const EQUAL: f64 = 1.0;
 
-/// A term that may be in a set: a form with its columns.
+/// A term that may be in a set: a form at one value of its nonlinear parameter, with its columns.
 struct Form {
+    /// Which form it is, whatever the value.
+    form: usize,
     choice: Chosen,
     columns: Range<usize>,
     /// Its fitted parameters, with a nonlinear one that was fitted before.
@@ -123,6 +125,22 @@ fn columns(model: usize, forms: &[Form], set: &[usize]) -> Vec<usize> {
     (0..model).chain(own).collect()
 }
 
+/// The best [`WIDTH`] sets, one for each combination of forms: sets that differ in the value of a
+/// nonlinear parameter alone would take the places of others.
+fn other_forms(sorted: Vec<Set>, forms: &[Form]) -> Vec<Set> {
+    let of = |set: &Set| -> Vec<usize> { set.forms.iter().map(|i| forms[*i].form).collect() };
+    let mut out: Vec<Set> = Vec::new();
+    for set in sorted {
+        if out.len() == WIDTH {
+            break;
+        }
+        if out.iter().all(|known| of(known) != of(&set)) {
+            out.push(set);
+        }
+    }
+    out
+}
+
 /// The best set with up to 0, 1, 2, ... parameters beside the columns of the model.
 fn best_sets(gram: &Gram, model: usize, forms: &[Form], most_forms: usize) -> Vec<Set> {
     let error = |set: &[usize]| {
@@ -137,7 +155,7 @@ fn best_sets(gram: &Gram, model: usize, forms: &[Form], most_forms: usize) -> Ve
     for size in 0..=MOST {
         let mut own = std::mem::take(&mut by_size[size]);
         own.sort_by(|a, b| a.error.total_cmp(&b.error));
-        own.truncate(WIDTH);
+        own = other_forms(own, forms);
         for set in own.iter().filter(|s| s.forms.len() < most_forms) {
             for (i, form) in forms.iter().enumerate() {
                 let larger = size + form.parameters;
@@ -234,24 +252,26 @@ impl Search<'_> {
         let scan = self.scan_on(&fitted);
         let context = scan.context();
         let (mut forms, mut pieces): (Vec<Form>, Vec<Piece>) = (vec![], vec![]);
-        let mut at = fitted.fit.x.len();
+        let (mut at, mut form) = (fitted.fit.x.len(), 0);
         for effect in CATALOGUE.iter().filter(|e| is_physics(e.kind())) {
             if !self.allowed(*effect) || others.iter().any(|o| o.excludes(effect.kind())) {
                 continue;
             }
             for variant in effect.variants(&context) {
+                // Which value of a nonlinear parameter it is, is part of what a fold must not see.
                 let values = match &variant.psi {
                     None => vec![0.0],
-                    Some(psi) if !psi.refine => psi.grid.clone(),
-                    Some(_) => scan.best_of_grid(&variant).into_iter().collect(),
+                    Some(psi) => psi.grid.clone(),
                 };
                 let variant = Arc::new(variant);
+                form += 1;
                 for psi in values {
                     let Build::Add(own) = (variant.build)(psi) else {
                         continue;
                     };
                     let fitted = variant.psi.as_ref().is_some_and(|psi| psi.refine);
                     forms.push(Form {
+                        form,
                         parameters: own.len() + usize::from(fitted),
                         columns: at..at + own.len(),
                         choice: Chosen {
@@ -316,6 +336,7 @@ mod tests {
                 variant: Arc::new(Variant::linear(&format!("angle {i}"), vec![])),
                 psi: 0.0,
             },
+            form: i,
             columns: i..i + 1,
             parameters: 1,
         };
@@ -361,6 +382,36 @@ mod tests {
         let columns: Vec<Vec<f64>> = (0..12).map(|_| noise()).collect();
         let sums = sums(&columns, &noise());
         assert!(best_set(&folds(), &sums, 0, &forms(12), 12, 0.02).is_empty());
+    }
+
+    /// Seven values of one parameter fit the target nearly as well as each other; the pair that fits
+    /// it best has none of them.
+    #[test]
+    fn values_of_one_parameter_take_one_place() {
+        let mut rng = Rng::new(6);
+        let mut noise =
+            |size: f64| -> Vec<f64> { (0..1000).map(|_| size * rng.normal()).collect() };
+        let (a, b) = (noise(1.0), noise(1.0));
+        let y: Vec<f64> = (0..1000).map(|i| a[i] + b[i]).collect();
+        let near = |off: Vec<f64>| (0..1000).map(|i| y[i] + off[i]).collect();
+        let mut all: Vec<Vec<f64>> = (0..7).map(|_| near(noise(0.3))).collect();
+        all.extend([a, b]);
+        let sums = sums(&all, &y);
+        let gram = Gram::of(&sums, 0..BLOCKS);
+        let mut values = forms(9);
+        // Of one effect, one at a time.
+        for value in &mut values[..7] {
+            value.form = 0;
+            value.choice.effect = effect(EffectKind::Presliding);
+        }
+        let sets = best_sets(&gram, 0, &values, 5);
+        assert!(sets[1].forms[0] < 7);
+        assert_eq!(sets[2].forms, [7, 8]);
+        for value in &mut values {
+            value.form = 0;
+        }
+        let one = other_forms(vec![sets[1].clone(), sets[1].clone()], &values);
+        assert_eq!(one.len(), 1);
     }
 
     #[test]

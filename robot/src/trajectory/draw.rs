@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 /// of friction.
 const SHORTEST: f64 = 0.15;
 /// Length of the moves of [`Kind::ReversalRich`], parts of the range.
-const TO_AND_FRO: (f64, f64) = (0.01, 0.08);
+const BACK_AND_FORTH: (f64, f64) = (0.01, 0.08);
 /// Holds of [`Kind::StopAndGo`], s.
 const HOLDS_S: (f64, f64) = (0.3, 4.0);
 /// Length of the moves of [`Kind::StopAndGo`], parts of the range.
@@ -99,7 +99,7 @@ pub(super) fn draw(config: &TrajectoryConfig, seed: u64) -> Trajectory {
             joint.go(to, time_s);
         }),
         Kind::StopAndGo => stop_and_go(&mut joints, end_s, seed),
-        Kind::ReversalRich => each(&mut joints, end_s, to_and_fro),
+        Kind::ReversalRich => each(&mut joints, end_s, back_and_forth),
     }
     Trajectory {
         joints: joints.map(|joint| cut(joint.moves, end_s)),
@@ -127,9 +127,9 @@ fn within(joint: &mut Joint, way: f64) -> f64 {
 }
 
 /// Two to eight small moves in alternating directions, then one to another place.
-fn to_and_fro(joint: &mut Joint) {
+fn back_and_forth(joint: &mut Joint) {
     let turns = 2 + (joint.random.unit() * 7.0) as u32;
-    let way = joint.random.uniform(TO_AND_FRO.0, TO_AND_FRO.1) * joint.width();
+    let way = joint.random.uniform(BACK_AND_FORTH.0, BACK_AND_FORTH.1) * joint.width();
     let (here, there) = (joint.at, within(joint, way));
     for turn in 0..turns {
         let to = if turn % 2 == 0 { there } else { here };

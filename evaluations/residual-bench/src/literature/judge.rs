@@ -108,14 +108,11 @@ pub fn is_there(kind: EffectKind, set: &Set) -> bool {
     set.missing.iter().any(|m| is(kind, m)) || in_noise(kind, set)
 }
 
-/// Whether a report says that an effect it names cannot be distinguished from one that is in the
-/// set.
+/// Whether a report says that one that is in the set may stand for an effect it names.
 #[must_use]
 pub fn is_grouped(kind: EffectKind, report: &Report, set: &Set) -> bool {
-    let groups = report.not_identifiable.iter();
-    let own = groups.filter(|g| g.effects.first() == Some(&kind));
-    own.flat_map(|g| &g.effects)
-        .any(|other| is_there(*other, set))
+    let others = report.others(kind).concat();
+    others.iter().any(|other| is_there(*other, set))
 }
 
 /// Whether the noise of a set contains it.

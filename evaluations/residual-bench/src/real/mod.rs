@@ -57,20 +57,14 @@ pub fn run(case: &Case, folder: &Path) -> Result<Option<Outcome>, String> {
         out: None,
     };
     let report = residual::run_checked(&options, &check, &mut ()).map_err(named)?;
-    let groups: Vec<&[EffectKind]> = report
-        .not_identifiable
-        .iter()
-        .map(|g| g.effects.as_slice())
-        .collect();
     let found = report
         .effects
         .iter()
         .map(|e| {
-            let group = groups.iter().find(|g| g.contains(&e.name));
             let alike = |kind: &EffectKind| case.right.iter().any(|r| kind == r.as_str());
             Named {
                 text: format!("{} ({})", e.name, e.form),
-                right: alike(&e.name) || group.is_some_and(|g| g.iter().any(alike)),
+                right: alike(&e.name) || report.others(e.name).concat().iter().any(alike),
             }
         })
         .collect();

@@ -44,9 +44,9 @@ impl Explain {
         } else {
             data.of(&self.trials)
         };
-        let motors = explain::explain(&estimator, &sequences).map_err(Failure::usage)?;
+        let explained = explain::explain(&estimator, &sequences).map_err(Failure::usage)?;
         let mut text = String::new();
-        for motor in &motors {
+        for motor in &explained.motors {
             let says = if motor.says.is_empty() {
                 "nothing that the model does not know".to_owned()
             } else {
@@ -62,6 +62,13 @@ impl Explain {
                 motor.unit
             );
         }
-        Ok(Reply::new(text, json!({ "motors": motors })))
+        let (without, rows) = (explained.rows_without_force, explained.rows);
+        if without > 0 {
+            row!(
+                text,
+                "{without} of {rows} rows lack a measured force or a part of it, which counts as none: there the motion has to be free"
+            );
+        }
+        Ok(Reply::new(text, json!(explained)))
     }
 }

@@ -1,7 +1,7 @@
 //! Effects with what decides on their names.
 
 use super::contradiction::{contradictions, inertia_of_a_lag};
-use super::images::{images_by_stamps, images_of_a_tone, rows_per_second};
+use super::images::{images_by_stamps, images_of_a_tone};
 use super::one_sequence::in_one_sequence;
 use super::over_the_angle::shapes_of_the_angle;
 use super::reasons::reasons;
@@ -89,10 +89,8 @@ impl Assessment {
         let known: Vec<&Parameters> = self.parameters.iter().flatten().collect();
         if ctx.problem.values_per_s.is_some() {
             images_of_a_tone(&mut self.why, &self.outcome.chosen, &self.weights);
-        } else if !ctx.is_even() {
-            let rate = rows_per_second(&ctx.problem.frame, ctx.dt);
-            let rows = (rate, ctx.span);
-            images_by_stamps(&mut self.why, &self.outcome.chosen, &self.weights, rows);
+        } else {
+            images_by_stamps(&mut self.why, search, &self.outcome.chosen, &self.weights)?;
         }
         contradictions(&mut self.why, &self.weights, &known);
         let all = || known.iter().flat_map(|(params, _)| params);

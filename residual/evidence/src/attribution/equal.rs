@@ -1,13 +1,10 @@
 //! Other names that predict as well: the paths of the search that came to the same error.
 
-use super::assessment::Assessment;
-use crate::check::Checked;
-use residual_columns::error::Error;
+use super::Refused;
 use residual_columns::nan;
 use residual_effects::EffectKind;
 use residual_search::model::Chosen;
-use residual_search::paths::Path;
-use residual_search::Search;
+use residual_search::{Outcome, Search};
 use serde::{Deserialize, Serialize};
 
 /// Effects found in whose place others predict as well.
@@ -22,52 +19,38 @@ pub struct EqualPath {
     pub heldout_rmse: f64,
 }
 
-/// The kinds of effects.
-pub(super) fn kinds(chosen: &[Chosen]) -> Vec<EffectKind> {
-    chosen.iter().map(|c| c.effect.kind()).collect()
+/// The names that another path has in the place of those found, if it predicts as well and its own
+/// names are supported. `refused` are those of the path that was taken: what was refused already
+/// is no alternative.
+pub(super) fn equal_path(
+    search: &Search,
+    found: &Outcome,
+    refused: &[Refused],
+    other: &Outcome,
+) -> Option<EqualPath> {
+    let heldout_rmse = other.fitted.rmse();
+    if heldout_rmse > found.fitted.rmse() && !search.is_equal(other, found) {
+        return None;
+    }
+    let refused: Vec<EffectKind> = refused.iter().map(|r| r.effect.effect.kind()).collect();
+    let (effects, instead) = differing(&kinds(&found.chosen), &refused, &kinds(&other.chosen))?;
+    Some(EqualPath {
+        effects,
+        instead,
+        heldout_rmse,
+    })
 }
 
-/// The names of other paths in the place of those found. `taken` are the effects of the path that
-/// was taken, `found` those of them that the data support.
-///
-/// A path whose own names the data do not support is no alternative.
-pub(super) fn equal_paths(
-    search: &mut Search,
-    taken: &[EffectKind],
-    found: &[Chosen],
-    others: Vec<Path>,
-    check: Option<&Checked>,
-) -> Result<Vec<EqualPath>, Error> {
-    let mut out: Vec<EqualPath> = Vec::new();
-    for path in others {
-        let others = kinds(&path.outcome.chosen);
-        let found = kinds(found);
-        let Some((effects, instead)) = differing(taken, &found, &others) else {
-            continue;
-        };
-        if out
-            .iter()
-            .any(|p| p.effects == effects && p.instead == instead)
-        {
-            continue;
-        }
-        let heldout_rmse = path.outcome.fitted.rmse();
-        if supports(search, path, &instead, check)? {
-            out.push(EqualPath {
-                effects,
-                instead,
-                heldout_rmse,
-            });
-        }
-    }
-    Ok(out)
+/// The kinds of effects.
+fn kinds(chosen: &[Chosen]) -> Vec<EffectKind> {
+    chosen.iter().map(|c| c.effect.kind()).collect()
 }
 
 /// The found names that another path did without, and those that it has in their place; `None`
 /// unless there are both.
 fn differing(
-    taken: &[EffectKind],
     found: &[EffectKind],
+    refused: &[EffectKind],
     others: &[EffectKind],
 ) -> Option<(Vec<EffectKind>, Vec<EffectKind>)> {
     let only = |these: &[EffectKind], those: &[&[EffectKind]]| {
@@ -79,22 +62,9 @@ fn differing(
         }
         out
     };
-    let mut effects = only(found, &[others]);
-    effects.retain(|kind| taken.contains(kind));
-    let instead = only(others, &[taken, found]);
+    let effects = only(found, &[others]);
+    let instead = only(others, &[found, refused]);
     (!effects.is_empty() && !instead.is_empty()).then_some((effects, instead))
-}
-
-/// Whether the data support these names of a path.
-fn supports(
-    search: &mut Search,
-    path: Path,
-    names: &[EffectKind],
-    check: Option<&Checked>,
-) -> Result<bool, Error> {
-    let judged = Assessment::new(search, path.outcome, check)?;
-    let mut refused = judged.outcome.chosen.iter().zip(&judged.why);
-    Ok(!refused.any(|(c, why)| why.is_some() && names.contains(&c.effect.kind())))
 }
 
 #[cfg(test)]
@@ -104,36 +74,23 @@ mod tests {
     #[test]
     fn only_names_that_differ_on_both_sides_are_alternatives() {
         use EffectKind::{Coulomb, Delay, Geometry, GravityAngle, Inertia, Payload};
-        let of = |taken: &[_], found: &[_], others: &[_]| differing(taken, found, others);
-        let taken = [Coulomb, GravityAngle, Inertia];
+        let found = [Coulomb, GravityAngle, Inertia];
         assert_eq!(
-            of(&taken, &taken, &[Payload, Coulomb]),
+            differing(&found, &[], &[Payload, Coulomb]),
             Some((vec![GravityAngle, Inertia], vec![Payload]))
         );
         // A part of the same names, or more of them, is no other name.
-        assert_eq!(of(&taken, &taken, &[Coulomb, GravityAngle]), None);
-        assert_eq!(
-            of(&taken, &taken, &[Coulomb, GravityAngle, Inertia, Delay]),
-            None
-        );
+        assert_eq!(differing(&found, &[], &[Coulomb, GravityAngle]), None);
+        let more = [Coulomb, GravityAngle, Inertia, Delay];
+        assert_eq!(differing(&found, &[], &more), None);
         // What is not found has no alternative, and what was refused already is none.
-        assert_eq!(of(&taken, &[Coulomb], &[Coulomb, Payload]), None);
+        assert_eq!(differing(&[Coulomb], &[], &[Coulomb, Payload]), None);
+        let found = [Coulomb, GravityAngle];
+        assert_eq!(differing(&found, &[Geometry], &[Coulomb, Geometry]), None);
+        // A name that is found beside a refused one has its alternatives as any other.
         assert_eq!(
-            of(
-                &[Coulomb, Geometry],
-                &[Coulomb, GravityAngle],
-                &[Coulomb, Geometry]
-            ),
-            None
-        );
-        // What was found later is not of the path that was taken.
-        assert_eq!(
-            of(
-                &[Coulomb, Geometry],
-                &[Coulomb, GravityAngle],
-                &[Coulomb, Payload]
-            ),
-            None
+            differing(&found, &[Geometry], &[Coulomb, Payload]),
+            Some((vec![GravityAngle], vec![Payload]))
         );
     }
 }

@@ -27,7 +27,7 @@ use crate::intervals::{parameters, Parameters};
 use crate::leftover::Leftover;
 use assessment::Assessment;
 pub use equal::EqualPath;
-use equal::{equal_paths, kinds};
+use equal::equal_path;
 use residual_columns::error::Error;
 use residual_effects::EffectKind;
 use residual_search::model::Chosen;
@@ -65,6 +65,8 @@ pub struct Attributed {
     pub improving: Option<Improving>,
     /// Other names that predict as well.
     pub equal: Vec<EqualPath>,
+    /// Paths that predict as well and were not judged.
+    pub not_judged: usize,
 }
 
 /// The effects of the whole search, without the fit to all rows, which takes much memory.
@@ -124,6 +126,14 @@ struct Refused {
     why: String,
 }
 
+/// What is left of a path when the names that the data do not support are gone.
+struct Supported {
+    now: Assessment,
+    /// What it was before; `None` if no name is gone.
+    first: Option<First>,
+    refused: Vec<Refused>,
+}
+
 /// Parts the effects of the search into found ones and others, and fits the found ones alone.
 ///
 /// The weakest effect whose name is not supported is taken away, and the search goes on without its
@@ -133,40 +143,53 @@ struct Refused {
 /// for again. Where rows are many each of these searches takes long, and several weak ones go at
 /// once.
 ///
-/// Where names of the path that was taken are refused, the paths that predict as well are judged
-/// too, and the one with the best model of supported names is reported.
+/// The paths that predict as well are judged in the same way, each with its own load. Where names
+/// of the path that was taken are refused, the one with the best model of supported names is
+/// reported. The supported names of the others, where they predict as well, may stand for those
+/// found.
 pub fn attribute(
     search: &mut Search,
     outcome: Outcome,
     check: Option<&Checked>,
 ) -> Result<Attributed, Error> {
-    let taken = kinds(&outcome.chosen);
-    let others = std::mem::take(&mut search.equal_paths);
-    let mut best = attribute_path(search, outcome, check)?;
-    if best.improving.is_none() {
-        best.equal = equal_paths(search, &taken, &best.outcome.chosen, others, check)?;
-        return Ok(best);
-    }
-    for other in others {
+    let paths = std::mem::take(&mut search.equal_paths);
+    let mut best = supported(search, outcome, check)?;
+    let mut others: Vec<Outcome> = Vec::new();
+    for path in paths {
         let place = search.leave();
-        let outcome = search.take(other);
-        let new = attribute_path(search, outcome, check)?;
-        let most = best.outcome.fitted.rmse() * (1.0 - search.spec.selection.material);
-        if new.outcome.fitted.rmse() < most {
-            best = new;
+        let outcome = search.take(path);
+        let mut other = supported(search, outcome, check)?;
+        let rmse = |s: &Supported| s.now.outcome.fitted.rmse();
+        let most = rmse(&best) * (1.0 - search.spec.selection.material);
+        if best.first.is_some() && rmse(&other) < most {
+            std::mem::swap(&mut best, &mut other);
         } else {
             search.go_back(place);
         }
+        others.push(other.now.outcome);
     }
-    Ok(best)
+    let mut equal: Vec<EqualPath> = Vec::new();
+    for other in &others {
+        let new = equal_path(search, &best.now.outcome, &best.refused, other);
+        let known = |new: &EqualPath| {
+            let same = |p: &EqualPath| p.effects == new.effects && p.instead == new.instead;
+            equal.iter().any(same)
+        };
+        equal.extend(new.filter(|new| !known(new)));
+    }
+    Ok(Attributed {
+        equal,
+        not_judged: search.more_equal_paths,
+        ..attributed(search, best)?
+    })
 }
 
-/// Parts the effects of one path.
-fn attribute_path(
+/// Takes away the effects of a path whose names the data do not support.
+fn supported(
     search: &mut Search,
     outcome: Outcome,
     check: Option<&Checked>,
-) -> Result<Attributed, Error> {
+) -> Result<Supported, Error> {
     let mut now = Assessment::new(search, outcome, check)?;
     let mut first: Option<First> = None;
     let mut refused: Vec<Refused> = Vec::new();
@@ -200,6 +223,20 @@ fn attribute_path(
         let outcome = search.resume(kept, !last_round)?;
         now = Assessment::new(search, outcome, check)?;
     }
+    Ok(Supported {
+        now,
+        first,
+        refused,
+    })
+}
+
+/// What is reported of the path on which the search is.
+fn attributed(search: &mut Search, path: Supported) -> Result<Attributed, Error> {
+    let Supported {
+        mut now,
+        first,
+        refused,
+    } = path;
     let mut left = now.left(search)?;
     let parameters = all_parameters(search, &now.outcome.chosen, now.parameters)?;
     let improving = first
@@ -216,6 +253,7 @@ fn attribute_path(
         outcome: now.outcome,
         left,
         equal: vec![],
+        not_judged: 0,
         weights: now.weights,
         parameters,
         improving,
