@@ -1,6 +1,10 @@
 //! An error that depends on the pose.
 
-use super::{ratio, Context, Effect, EffectKind, Piece, Variant};
+use super::{ratio, Context, Effect, EffectKind, Lookalike, Piece, Variant};
+
+/// Standard errors by which a weight must predict worse than a line or a curve over the pose to be
+/// excluded: as for the laws of friction that `load_dependent_coulomb` is compared with.
+const EXCLUDED_FROM: f64 = 2.0;
 
 pub struct Geometry;
 
@@ -10,6 +14,11 @@ impl Effect for Geometry {
     }
     fn repeatable(&self) -> bool {
         true
+    }
+    /// Over an arc in which noise hides its curve, the weight of a link is a line or a parabola over
+    /// an angle of the pose.
+    fn lookalikes(&self, ctx: &Context) -> Vec<Lookalike> {
+        Lookalike::of(&[EffectKind::GravityAngle], EXCLUDED_FROM, ctx)
     }
     fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
         let names = ctx.spec.roles.pose.keys();
