@@ -55,7 +55,7 @@ fn every_command_of_the_estimation_day_prints_what_the_page_says() {
     let temporary = folder();
     let folder = temporary.path();
     std::os::unix::fs::symlink(DOCS, folder.join("docs")).unwrap();
-    let mut lines = 0;
+    let (mut lines, mut recalibrated) = (0, 0);
     for step in steps(&text()) {
         let line = step.words.join(" ");
         let words: Vec<&str> = step.words.iter().map(String::as_str).collect();
@@ -64,6 +64,12 @@ fn every_command_of_the_estimation_day_prints_what_the_page_says() {
             said.code.is_some_and(|code| step.codes.contains(&code)),
             "{line}: {said:?}"
         );
+        // The page says that no line of the alarm is left after the recalibration.
+        if words.contains(&"estimation-day/today.model") && !words.contains(&"recalibrate") {
+            recalibrated += 1;
+            let all = format!("{}{}", said.out, said.err);
+            assert!(!all.contains("no longer fits"), "{line}: {all}");
+        }
         // The alarm is a note on standard error; what stands beside it is the result.
         let (notes, results): (Vec<&String>, Vec<&String>) =
             (step.prints.iter()).partition(|wanted| wanted.trim_end().ends_with(':'));
@@ -79,6 +85,7 @@ fn every_command_of_the_estimation_day_prints_what_the_page_says() {
         }
     }
     assert!(lines >= 30, "{lines}");
+    assert_eq!(recalibrated, 2);
     // The files that the page names are there.
     let page = text();
     let mut files = 0;

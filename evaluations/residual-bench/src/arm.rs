@@ -128,7 +128,7 @@ pub fn recipes(seeds: RangeInclusive<u64>) -> Vec<Recipe> {
     out
 }
 
-fn analyse(set: &Set) -> Result<Report, residual::Error> {
+fn data(set: &Set) -> Result<Data, residual::Error> {
     let mut columns: [(&str, Vec<f64>); 4] =
         ["target", "angle", "velocity", "other"].map(|name| (name, Vec::new()));
     let (mut time, mut sequences) = (Vec::new(), Vec::new());
@@ -146,11 +146,14 @@ fn analyse(set: &Set) -> Result<Report, residual::Error> {
         }
         sequences.push(start..time.len());
     }
-    let data = Data::from_columns(time, columns)
+    Data::from_columns(time, columns)
         .sequences(sequences)
         .folds(set.logs.len())
-        .build()?;
-    residual::analyse(&Spec::parse(MODEL)?, data, &mut ())
+        .build()
+}
+
+fn analyse(set: &Set) -> Result<Report, residual::Error> {
+    residual::analyse(&Spec::parse(MODEL)?, data(set)?, &mut ())
 }
 
 /// Makes a set and has it analysed.
@@ -235,6 +238,70 @@ pub fn table(seeds: RangeInclusive<u64>, list: bool) -> Result<String, String> {
     Ok(text)
 }
 
+/// How much the choice of the path depends on the folds.
+struct Drift {
+    motion: Motion,
+    /// Whether the search names the same effects whichever fold is left out of it.
+    same: bool,
+    /// Whether each name that is found is among those, whichever fold is left out.
+    kept: bool,
+    /// RMSE on the folds that were left out of the whole selection, over the held-out RMSE that is
+    /// reported.
+    over_reported: f64,
+}
+
+fn drift(recipe: &Recipe) -> Result<Drift, residual::Error> {
+    let set = generate(recipe);
+    let report = analyse(&set)?;
+    let nested = residual::nested(&Spec::parse(MODEL)?, &data(&set)?, &mut ())?;
+    let mut names: Vec<Vec<EffectKind>> = nested.folds.into_iter().map(|f| f.effects).collect();
+    names
+        .iter_mut()
+        .for_each(|own| own.sort_by_key(|kind| kind.as_str()));
+    let found = || report.effects.iter().map(|effect| effect.name);
+    Ok(Drift {
+        motion: recipe.motion,
+        same: names.windows(2).all(|two| two[0] == two[1]),
+        kept: names
+            .iter()
+            .all(|own| found().all(|name| own.contains(&name))),
+        over_reported: nested.rmse / report.last.heldout_rmse,
+    })
+}
+
+/// Repeats the selection without each log of the sets of some seeds, and gives the table of how far
+/// names and errors depend on it.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn nested(seeds: RangeInclusive<u64>) -> Result<String, String> {
+    let of = |recipe: &Recipe| drift(recipe).map_err(|error| format!("{recipe:?}: {error}"));
+    let all: Vec<Drift> = recipes(seeds)
+        .par_iter()
+        .map(of)
+        .collect::<Result<_, _>>()?;
+    let mut text = String::from(
+        "| motion | sets | same names without each log | each name found is among them | nested RMSE over the reported one: median, largest |\n\
+         | --- | --- | --- | --- | --- |\n",
+    );
+    for motion in Motion::ALL {
+        let own: Vec<&Drift> = all.iter().filter(|d| d.motion == motion).collect();
+        let mut ratios: Vec<f64> = own.iter().map(|d| d.over_reported).collect();
+        ratios.sort_by(f64::total_cmp);
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {} | {:.3}, {:.3} |",
+            motion.words(),
+            own.len(),
+            own.iter().filter(|d| d.same).count(),
+            own.iter().filter(|d| d.kept).count(),
+            ratios[ratios.len() / 2],
+            ratios[ratios.len() - 1]
+        );
+    }
+    Ok(text)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -243,9 +310,8 @@ mod tests {
     fn a_name_beside_another_is_not_found() {
         use EffectKind::{Coulomb, Geometry, GravityAngle, Inertia, Viscous};
         let of = |found: &[EffectKind], either: &[&[&[EffectKind]]]| {
-            let entries = |all: &&[&[EffectKind]]| {
-                Either(all.iter().map(|entry| entry.to_vec()).collect())
-            };
+            let entries =
+                |all: &&[&[EffectKind]]| Either(all.iter().map(|entry| entry.to_vec()).collect());
             let outcome = Outcome {
                 recipe: recipes(1..=1)[0],
                 found: found.to_vec(),

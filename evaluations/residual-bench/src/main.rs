@@ -38,6 +38,9 @@ struct Options {
     /// Joints of an arm in place of the rig's sets.
     #[arg(long, conflicts_with_all = ["kind", "group", "strength", "quick", "csv", "json", "markdown"])]
     arm: bool,
+    /// With --arm: how far names and errors depend on the logs, by a selection without each of them.
+    #[arg(long, requires = "arm", conflicts_with = "list")]
+    nested: bool,
     /// A small selection.
     #[arg(long)]
     quick: bool,
@@ -67,7 +70,12 @@ fn main() -> ExitCode {
 
 fn run(options: &Options) -> Result<ExitCode, String> {
     if options.arm {
-        print!("{}", arm::table(options.seeds.clone(), options.list)?);
+        let seeds = options.seeds.clone();
+        let text = match options.nested {
+            true => arm::nested(seeds)?,
+            false => arm::table(seeds, options.list)?,
+        };
+        print!("{text}");
         return Ok(ExitCode::SUCCESS);
     }
     let plan = Plan {

@@ -36,7 +36,7 @@ const ONE_A_TURN: f64 = 0.1;
 
 /// Correlation of a motor's torque with its friction from which friction and gain count as one: a
 /// change of either is then nearly a change of the other, and of which form friction changes is not
-/// known so exactly. On the robots 1, 2, 11 and 12 all wrong names of the two were at 0.990 and
+/// known so exactly; nor is a smaller constant torque beside it told from it. On the robots 1, 2, 11 and 12 all wrong names of the two were at 0.990 and
 /// above.
 const ONE: f64 = 0.99;
 /// Size of what is left, per the model's own error in training, from which it is told though it has
@@ -226,14 +226,19 @@ pub const CANNOT_TELL: &str = "these rows cannot tell them apart";
 fn words(report: &Report, joint: &str, unit: &str, friction: &Friction, floor: f64) -> Vec<String> {
     let mut out = Vec::new();
     let known = |effect: &&Effect| report.verdict != Verdict::Unknown || report.holds(effect);
+    // The most valuable effects come first.
+    let mut friction_changed = false;
     for effect in report.effects.iter().filter(known) {
         let mut text = word(effect, joint, unit, friction);
         let mut others = report.others(effect.name);
         let twin = match effect.name {
             EffectKind::Gain => Some(EffectKind::Coulomb),
             EffectKind::Coulomb => Some(EffectKind::Gain),
+            // What friction loses more of one way than the other is a constant torque.
+            EffectKind::Offset if friction_changed => Some(EffectKind::Coulomb),
             _ => None,
         };
+        friction_changed |= matches!(effect.name, EffectKind::Gain | EffectKind::Coulomb);
         let twin = twin.map(|twin| vec![twin]).filter(|_| friction.is_all);
         others.extend(twin.filter(|twin| !others.contains(twin)));
         if !others.is_empty() {

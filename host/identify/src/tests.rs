@@ -284,7 +284,10 @@ fn names_what_may_stand_for_an_effect(mut unit: UnitFinding) {
     let record = report::unit(&unit);
     assert_eq!(record["equal_paths"][0]["instead"][1], "gain");
     let line = report::effect(&unit.report, &unit.report.effects[0]);
-    assert!(line.starts_with(&format!("{own} or hysteresis and gain (")), "{line}");
+    assert!(
+        line.starts_with(&format!("{own} or hysteresis and gain (")),
+        "{line}"
+    );
 }
 
 /// From a report that a board may use: the same with other verdicts.

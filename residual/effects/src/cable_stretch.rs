@@ -1,11 +1,11 @@
 //! Elasticity in series: the cable stretches before it pulls.
 
 use super::{
-    Build, Context, Effect, EffectKind, Estimate, Form, Found, Lookalike, Nature, Piece, Psi, Remedy,
-    Setting, Variant,
+    Build, Context, Effect, EffectKind, Estimate, Form, Found, Lookalike, Nature, Piece, Psi,
+    Remedy, Setting, Variant,
 };
 
-use super::gravity_angle::{angle_along, too_short};
+use super::gravity_angle::{angle_along, too_short, weights};
 use residual_columns::format::num;
 use residual_columns::units::radians;
 use std::f64::consts::TAU;
@@ -25,10 +25,6 @@ pub struct CableStretch;
 const SPRING: &str = "spring";
 const SHORT_SPRING: &str = "spring over a short arc";
 
-/// Standard errors by which a weight must predict worse than a spring to be excluded: as for
-/// `geometry`.
-const EXCLUDED_FROM: f64 = 2.0;
-
 /// Most turns over which a spring is wound within a run.
 const MOST_TURNS: f64 = 10.0;
 
@@ -46,7 +42,7 @@ impl Effect for CableStretch {
     }
     /// Over a longer arc noise may hide the curve of a weight.
     fn lookalikes(&self, ctx: &Context) -> Vec<Lookalike> {
-        Lookalike::of(&[EffectKind::GravityAngle], EXCLUDED_FROM, ctx)
+        weights(ctx)
     }
     /// For a loop slower than the lag, a first-order lag is a delay of its time constant.
     fn remedies(&self, found: &Found) -> Vec<Remedy> {

@@ -108,6 +108,7 @@ impl Effect for Gain {
                 kind,
                 form: form?,
                 excluded_from: EXCLUDED_FROM,
+                though_refused: false,
             })
         };
         forms.into_iter().filter_map(present).collect()

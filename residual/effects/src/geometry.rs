@@ -1,10 +1,7 @@
 //! An error that depends on the pose.
 
+use super::gravity_angle::weights;
 use super::{ratio, Context, Effect, EffectKind, Lookalike, Piece, Variant};
-
-/// Standard errors by which a weight must predict worse than a line or a curve over the pose to be
-/// excluded: as for the laws of friction that `load_dependent_coulomb` is compared with.
-const EXCLUDED_FROM: f64 = 2.0;
 
 pub struct Geometry;
 
@@ -18,7 +15,7 @@ impl Effect for Geometry {
     /// Over an arc in which noise hides its curve, the weight of a link is a line or a parabola over
     /// an angle of the pose.
     fn lookalikes(&self, ctx: &Context) -> Vec<Lookalike> {
-        Lookalike::of(&[EffectKind::GravityAngle], EXCLUDED_FROM, ctx)
+        weights(ctx)
     }
     fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
         let names = ctx.spec.roles.pose.keys();

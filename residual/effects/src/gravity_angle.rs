@@ -1,6 +1,8 @@
 //! Weight of a part that turns with an angle.
 
-use super::{amplitude_phase, Context, Effect, EffectKind, Estimate, Nature, Piece, Psi, Variant};
+use super::{
+    amplitude_phase, Context, Effect, EffectKind, Estimate, Lookalike, Nature, Piece, Psi, Variant,
+};
 
 use residual_columns::format::num;
 use residual_columns::linalg::similarity;
@@ -58,6 +60,18 @@ impl Effect for GravityAngle {
             .chain(upright)
             .collect()
     }
+}
+
+/// Standard errors by which a weight must predict worse than a line or a curve over an angle to be
+/// excluded: as for the laws of friction with which `load_dependent_coulomb` is compared.
+const EXCLUDED_FROM: f64 = 2.0;
+
+/// The weights that a line or a curve over an angle may be. Where the arc is too short to tell them
+/// apart, the name of a weight is refused, and that of the line says no more.
+pub(super) fn weights(ctx: &Context) -> Vec<Lookalike> {
+    let mut all = Lookalike::of(&[EffectKind::GravityAngle], EXCLUDED_FROM, ctx);
+    all.iter_mut().for_each(|own| own.though_refused = true);
+    all
 }
 
 /// An angle along the velocity, as inertia and damping are.

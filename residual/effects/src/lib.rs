@@ -114,6 +114,9 @@ pub struct Lookalike {
     pub form: Variant,
     /// Standard errors by which it must predict worse to be excluded.
     pub excluded_from: f64,
+    /// Whether it may be meant though its name was refused: what the data are too few to show under
+    /// its name they do not show under another name either.
+    pub though_refused: bool,
 }
 
 impl Lookalike {
@@ -126,6 +129,7 @@ impl Lookalike {
                 kind,
                 form,
                 excluded_from,
+                though_refused: false,
             })
         };
         kinds.iter().flat_map(forms).collect()

@@ -80,7 +80,9 @@ impl Report {
     fn equals(&self) -> String {
         let more = match self.paths_not_judged {
             0 => String::new(),
-            1 => " One more course of the search predicts as well; its names were not judged.".into(),
+            1 => {
+                " One more course of the search predicts as well; its names were not judged.".into()
+            }
             n => format!(
                 " {n} more courses of the search predict as well; their names were not judged."
             ),
@@ -136,8 +138,8 @@ impl Report {
         // A phase near 0 has no size of its own, and no value without an interval is certain.
         let mut sizes = effect.params.iter().filter(|(name, _)| *name != "phase");
         let stands_for_another = |e: &Effect| self.others(e.name).concat().contains(&effect.name);
-        let alone = self.others(effect.name).is_empty()
-            && !self.effects.iter().any(stands_for_another);
+        let alone =
+            self.others(effect.name).is_empty() && !self.effects.iter().any(stands_for_another);
         !self.structure.is_empty() && alone && own > FAR_MORE * left && sizes.all(certain)
     }
 

@@ -109,7 +109,11 @@ impl Search<'_> {
         for other in own.effect.lookalikes(&on_windows.context()) {
             let there = rest.iter().any(|r| r.excludes(other.kind));
             let known = ties.iter().any(|e| e.kind() == other.kind);
-            if there || known || !self.allowed(effect(other.kind)) {
+            let may_be = match other.though_refused {
+                true => self.is_offered(effect(other.kind)),
+                false => self.allowed(effect(other.kind)),
+            };
+            if there || known || !may_be {
                 continue;
             }
             let best = on_windows.best_of_grid(&other.form);

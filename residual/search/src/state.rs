@@ -173,11 +173,16 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Whether the model file lets the search look for an effect.
+    /// Whether the search may look for an effect: the model file lets it, and its name was not
+    /// refused.
     pub fn allowed(&self, e: EffectRef) -> bool {
+        !self.is_barred(e.kind()) && self.is_offered(e)
+    }
+
+    /// Whether the model file lets the search look for an effect.
+    pub(super) fn is_offered(&self, e: EffectRef) -> bool {
         let s = &self.spec.selection;
-        !self.is_barred(e.kind())
-            && (s.only.is_empty() || s.only.iter().any(|n| n == e.name()))
+        (s.only.is_empty() || s.only.iter().any(|n| n == e.name()))
             && !s.except.iter().any(|n| n == e.name())
     }
 

@@ -122,7 +122,11 @@ impl Rows {
             let stamps = time[rows.clone()].to_vec();
             let mut count = 0.0;
             let after = steps_of(&rows).map(|step| {
-                count += if step < gap { 1.0 } else { (step * rate).round() };
+                count += if step < gap {
+                    1.0
+                } else {
+                    (step * rate).round()
+                };
                 count
             });
             let counts: Vec<f64> = std::iter::once(0.0).chain(after).collect();
@@ -151,9 +155,7 @@ impl Rows {
         let [by_stamps, at_even] = [false, true].map(|even| explained(even, &[larger]));
         let own_of = |even: bool, alone: f64| explained(even, &[larger, own]) - alone;
         let seen = own_of(false, by_stamps);
-        seen > 0.0
-            && at_even - by_stamps >= HALF * seen
-            && own_of(true, at_even) <= HALF * seen
+        seen > 0.0 && at_even - by_stamps >= HALF * seen && own_of(true, at_even) <= HALF * seen
     }
 }
 
