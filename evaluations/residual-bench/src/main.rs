@@ -38,7 +38,8 @@ struct Options {
     /// Joints of an arm in place of the rig's sets.
     #[arg(long, conflicts_with_all = ["kind", "group", "strength", "quick", "csv", "json", "markdown"])]
     arm: bool,
-    /// With --arm: how far names and errors depend on the logs, by a selection without each of them.
+    /// With --arm: how far names and errors depend on the logs, by a selection without each of
+    /// them.
     #[arg(long, requires = "arm", conflicts_with = "list")]
     nested: bool,
     /// A small selection.

@@ -88,8 +88,8 @@ fn a_joint_that_swings_over_a_short_arc_has_friction_and_a_weight() {
     assert!(outcome.over_noise < 1.1, "{outcome:?}");
 }
 
-/// So short an arc that a weight is no different from a line: its name is refused, and that of a line
-/// over the pose says no more.
+/// So short an arc that a weight is no different from a line: its name is refused, and that of a
+/// line over the pose says no more.
 #[test]
 fn a_line_over_the_pose_that_may_be_a_weight_is_not_found_alone() {
     let outcome = arm::evaluate(&Recipe {

@@ -36,8 +36,8 @@ const ONE_A_TURN: f64 = 0.1;
 
 /// Correlation of a motor's torque with its friction from which friction and gain count as one: a
 /// change of either is then nearly a change of the other, and of which form friction changes is not
-/// known so exactly; nor is a smaller constant torque beside it told from it. On the robots 1, 2, 11 and 12 all wrong names of the two were at 0.990 and
-/// above.
+/// known so exactly; nor is a smaller constant torque beside it told from it. On the robots 1, 2,
+/// 11 and 12 all wrong names of the two were at 0.990 and above.
 const ONE: f64 = 0.99;
 /// Size of what is left, per the model's own error in training, from which it is told though it has
 /// no name. On the robots 1, 2, 11 and 12 structure was found in 4 of 96 balances of arms without

@@ -12,8 +12,8 @@ impl Effect for Geometry {
     fn repeatable(&self) -> bool {
         true
     }
-    /// Over an arc in which noise hides its curve, the weight of a link is a line or a parabola over
-    /// an angle of the pose.
+    /// Over an arc in which noise hides its curve, the weight of a link is a line or a parabola
+    /// over an angle of the pose.
     fn lookalikes(&self, ctx: &Context) -> Vec<Lookalike> {
         weights(ctx)
     }

@@ -167,7 +167,8 @@ pub struct Report {
     /// Other sets of effects that another course of the search found, and that predict as well.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub equal_paths: Vec<EqualPath>,
-    /// Number of further courses of the search that predict as well and whose names were not judged.
+    /// Number of further courses of the search that predict as well and whose names were not
+    /// judged.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub paths_not_judged: usize,
     /// Structure that no effect of the catalogue explains, largest first.

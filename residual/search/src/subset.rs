@@ -384,8 +384,8 @@ mod tests {
         assert!(best_set(&folds(), &sums, 0, &forms(12), 12, 0.02).is_empty());
     }
 
-    /// Seven values of one parameter fit the target nearly as well as each other; the pair that fits
-    /// it best has none of them.
+    /// Seven values of one parameter fit the target nearly as well as each other; the pair that
+    /// fits it best has none of them.
     #[test]
     fn values_of_one_parameter_take_one_place() {
         let mut rng = Rng::new(6);

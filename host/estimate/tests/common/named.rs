@@ -52,8 +52,8 @@ fn all(case: &Case<'_>, family: &str, right: impl Fn(&str) -> bool) -> Answer {
     })
 }
 
-/// The worst answer of those of a motor's words; where it says nothing, or only that a change has no
-/// name, it cannot tell.
+/// The worst answer of those of a motor's words; where it says nothing, or only that a change has
+/// no name, it cannot tell.
 fn judged(case: &Case<'_>, of: impl Fn(&str) -> Answer) -> Answer {
     let named = |text: &&String| !text.contains("no name here");
     let texts = case.motor.says.iter().filter(named);

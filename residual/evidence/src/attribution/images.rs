@@ -29,9 +29,9 @@ pub(super) fn images_of_a_tone(why: &mut [Option<Refusal>], chosen: &[Chosen], w
     }
 }
 
-/// Marks each tone that may be the image of a larger one: where the stamps are off the times of their
-/// rows by a pattern that repeats, a tone shows at other frequencies too. Rows that are measured at
-/// even times show it at one.
+/// Marks each tone that may be the image of a larger one: where the stamps are off the times of
+/// their rows by a pattern that repeats, a tone shows at other frequencies too. Rows that are
+/// measured at even times show it at one.
 pub(super) fn images_by_stamps(
     why: &mut [Option<Refusal>],
     search: &Search,
@@ -69,8 +69,9 @@ pub(super) fn images_by_stamps(
     Ok(())
 }
 
-/// Longest step between stamps, over the step that nine of ten are below, that is no gap. A row that
-/// is missing makes the step longer by two thirds of the longer of two steps like 10 and 15 ms.
+/// Longest step between stamps, over the step that nine of ten are below, that is no gap. A row
+/// that is missing makes the step longer by two thirds of the longer of two steps like 10 and 15
+/// ms.
 const GAP: f64 = 1.6;
 
 /// Share of the steps that are no longer than the usual long one: of 800 rows in a second with
@@ -84,9 +85,9 @@ const TOGETHER: usize = 1024;
 /// Fewest rows that show two tones beside a constant.
 const FEWEST: usize = 32;
 
-/// Share of what a tone adds that even times must give to the larger one. An image gives all. Two true
-/// tones in 80 rows a second, 10 and 15 ms apart, gave up to 0.7 where the smaller has half of the
-/// larger one's amplitude, and up to 0.97 at 0.2 of it, by chance of their phases.
+/// Share of what a tone adds that even times must give to the larger one. An image gives all. Two
+/// true tones in 80 rows a second, 10 and 15 ms apart, gave up to 0.7 where the smaller has half of
+/// the larger one's amplitude, and up to 0.97 at 0.2 of it, by chance of their phases.
 const NEARLY_ALL: f64 = 0.9;
 
 /// Rows with their stamps, and with the times that they have if they were measured at even steps.
@@ -257,7 +258,8 @@ mod tests {
 
     #[test]
     fn a_missing_row_does_not_change_the_rate() {
-        // Of 1, 1, 1 and 2 ms the step over a missing row is as long as two of them: it counts as one.
+        // Of 1, 1, 1 and 2 ms the step over a missing row is as long as two of them: it counts as
+        // one.
         for (rate, grid, off) in [(80.0, 0.005, 0.5 / 80.0), (800.0, 0.001, 1.0 / 36.0)] {
             let (_, stamps) = on_a_grid(rate, grid);
             let time: Vec<f64> = (stamps.iter().enumerate())
