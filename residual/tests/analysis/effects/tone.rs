@@ -76,3 +76,53 @@ fn is_named() {
         0.3 * (std::f64::consts::TAU * 3.7 * s.elapsed + f64::from(s.group)).sin()
     });
 }
+
+/// The tones that are found, in Hz, in values that were measured at some times and stamped with
+/// others, in s.
+fn tones(times: &[f64], stamps: Vec<f64>, truth: &[(f64, f64)]) -> Vec<f64> {
+    use residual::{analyse, spec::Spec, Data};
+    let mut rng = residual_columns::stats::Rng::new(3);
+    let mut value = |t: &f64| -> f64 {
+        let sine = |(f, a): &(f64, f64)| a * (std::f64::consts::TAU * f * t + 0.4).sin();
+        truth.iter().map(sine).sum::<f64>() + 0.1 * rng.normal()
+    };
+    let target: Vec<f64> = times.iter().map(&mut value).collect();
+    let half = stamps.len() / 2;
+    let model = "roles.time = { column = \"t\", unit = \"s\" }\n\
+         roles.target = { column = \"y\", unit = \"N\" }\n\
+         [[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
+    let data = Data::from_columns(stamps, [("target", target)])
+        .sequences([0..half, half..2 * half])
+        .groups((0..2 * half).map(|i| i / 400).collect())
+        .build()
+        .unwrap();
+    let report = analyse(&Spec::parse(model).unwrap(), data, &mut ()).unwrap();
+    let mut out: Vec<f64> = (report.effects.iter())
+        .filter(|e| e.name == "tone")
+        .map(|e| e.params["frequency"])
+        .collect();
+    out.sort_by(f64::total_cmp);
+    out
+}
+
+/// 80 rows in a second with stamps on a grid of 5 ms: 30 Hz show at 10 Hz, too.
+#[test]
+fn an_image_by_stamps_on_a_grid_is_no_tone() {
+    let times: Vec<f64> = (0..4000).map(|k| f64::from(k) / 80.0).collect();
+    let stamps = times.iter().map(|t| (t / 0.005 - 1e-9).ceil() * 0.005);
+    let found = tones(&times, stamps.collect(), &[(30.0, 1.0)]);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!((found[0] - 30.0).abs() < 0.05, "{found:?}");
+}
+
+/// 75 Hz are half of the row rate less 25 Hz, and no image of them.
+#[test]
+fn a_tone_beside_another_in_uneven_rows_is_a_tone() {
+    let mut rng = residual_columns::stats::Rng::new(9);
+    let times: Vec<f64> = (0..6000)
+        .map(|k| (f64::from(k) + 0.25 * rng.normal().clamp(-1.6, 1.6)) / 200.0)
+        .collect();
+    let found = tones(&times, times.clone(), &[(25.0, 1.0), (75.0, 0.4)]);
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!((found[0] - 25.0).abs() < 0.05 && (found[1] - 75.0).abs() < 0.05);
+}
