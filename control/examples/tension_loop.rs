@@ -111,10 +111,12 @@ fn table(seeds: (u64, u64, f64)) {
     let known = [
         ("encoder alone", None),
         ("Raven, 1 kHz", Some(Poses::RAVEN)),
-        ("100 Hz, 2 um", Some(Poses::dvrk(2e-6))),
-        ("100 Hz, 5 um", Some(Poses::dvrk(5e-6))),
-        ("100 Hz, 10 um", Some(Poses::dvrk(1e-5))),
-        ("100 Hz, 50 um", Some(Poses::dvrk(5e-5))),
+        ("100 Hz, 2 um", Some(Poses::dvrk(2e-6, 0.0))),
+        ("2 um, 0.1 ms", Some(Poses::dvrk(2e-6, 100.0))),
+        ("2 um, 1 ms", Some(Poses::dvrk(2e-6, 1_000.0))),
+        ("100 Hz, 5 um", Some(Poses::dvrk(5e-6, 0.0))),
+        ("100 Hz, 8 um", Some(Poses::dvrk(8e-6, 0.0))),
+        ("100 Hz, 10 um", Some(Poses::dvrk(1e-5, 0.0))),
     ];
     println!("RMS of all cables / worst cable / largest error, N");
     for (name, plant) in plants::all() {
@@ -205,7 +207,7 @@ fn main() -> ExitCode {
                 plant.friction.per_load *= value;
             }
             "presliding" => plant.friction.presliding_m = value * 1e-6,
-            "pose" => poses = Some(Poses::dvrk(value * 1e-6)),
+            "pose" => poses = Some(Poses::dvrk(value * 1e-6, 0.0)),
             "raven" => poses = (value > 0.0).then_some(Poses::RAVEN),
             "from" => from = value as u64,
             "seconds" => seconds = value,

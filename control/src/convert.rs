@@ -41,6 +41,7 @@ pub fn nominal_codes_per_newton() -> f64 {
 pub fn dac_code(command: Newton, codes_per_newton_q16: i32) -> DacCode {
     const SHIFT: u32 = Newton::FRAC_BITS + 16;
     let product = i64::from(command.to_bits()) * i64::from(codes_per_newton_q16);
-    let steps = (product + (1 << (SHIFT - 1))) >> SHIFT;
+    // 63 bits less 38.
+    let steps = ((product + (1 << (SHIFT - 1))) >> SHIFT) as i32;
     DacCode((steps + 0x8000).clamp(0, 0xFFFF) as u16)
 }

@@ -162,15 +162,16 @@ impl Model {
         let coulomb = Newton::from_bits(self.coulomb);
         let times =
             |force: Newton, inv_q24: i32| (i64::from(force.to_bits()) * i64::from(inv_q24)) >> 24;
-        let winding_in = times(base.saturating_add(coulomb), self.inv_in_q24);
-        let paying_out = times(base.saturating_sub(coulomb), self.inv_out_q24);
+        // 30 bits each at most (94 N within the ranges).
+        let winding_in = times(base.saturating_add(coulomb), self.inv_in_q24) as i32;
+        let paying_out = times(base.saturating_sub(coulomb), self.inv_out_q24) as i32;
         let middle = (winding_in + paying_out) >> 1;
-        // 29 bits (94 N at most within the ranges), and 16 of the share.
-        let half = (((winding_in - paying_out) >> 1) * level.share.q16()) >> 16;
-        let half = Newton::from_bits(half as i32);
+        let half = i64::from((winding_in - paying_out) >> 1) * i64::from(level.share.q16());
+        let half = Newton::from_bits((half >> 16) as i32);
         let taken = i64::from(level.times(half).to_bits()) * i64::from(direction.q30());
         Feedforward {
-            command: Newton::from_wide(middle + (taken >> 30)),
+            command: Newton::from_bits(middle)
+                .saturating_add(Newton::from_bits((taken >> 30) as i32)),
             half,
         }
     }
@@ -248,10 +249,10 @@ enum Share {
 
 impl Share {
     /// Times 65,536.
-    const fn q16(self) -> i64 {
+    const fn q16(self) -> i32 {
         match self {
-            Self::Encoder => REVERSAL_SHARE_Q16,
-            Self::Foretold => FORETOLD_SHARE_Q16,
+            Self::Encoder => REVERSAL_SHARE_Q16 as i32,
+            Self::Foretold => FORETOLD_SHARE_Q16 as i32,
         }
     }
 
@@ -311,25 +312,30 @@ impl Level {
             Share::Encoder
         };
         let is_new = self.share != share;
-        if is_new {
-            self.share = share;
-            self.begin();
-        }
+        self.share = share;
         is_new
     }
 
     /// What a new share has moved from the integral to the feedforward, with the sign of the
-    /// command; `half` is [`Feedforward::half`] with it.
+    /// command; `half` is [`Feedforward::half`] with it. The means of the integral move as much,
+    /// each in its direction: a host that foretells now and then does not keep the level from being
+    /// learned.
     #[inline(never)]
     #[must_use]
-    pub fn exchanged(&self, half: Newton, direction: Direction) -> Newton {
+    pub fn exchanged(&mut self, half: Newton, direction: Direction) -> Newton {
         // 30 bits of force, 27 of the share.
         let more = (i64::from(self.times(half).to_bits()) * self.share.more_q30()) >> 30;
+        let of_mean = Newton::from_wide(self.inward(more));
+        self.mean = self.mean.saturating_sub(of_mean);
+        self.before = self.before.map(|before| before.saturating_add(of_mean));
         Newton::from_wide((more * i64::from(direction.q30())) >> 30)
     }
 
     /// The reel does not slide: the integral says nothing about friction.
     pub fn pause(&mut self) {
+        if self.samples == 0 && self.before.is_none() {
+            return;
+        }
         self.rested = self.rested.saturating_add(1);
         if self.rested > LONGEST_REST {
             self.samples = 0;
@@ -548,7 +554,7 @@ pub const REST_DEAD_BAND: Newton = Newton::from_un(10_000);
 
 /// How fast the direction of a resting reel follows the error: 0.6 a newton and sample (192 a
 /// newton and second), in steps of direction a step of force (2^30 / 2^22 * 0.6).
-const REST_STEPS: i64 = 154;
+const REST_STEPS: i32 = 154;
 
 /// Presliding distance at which the last element slides, over half of the configured reversal
 /// travel ([`UnitConfig::reversal_nm`]), while the host foretells the travel. The nominal contact's
@@ -650,34 +656,48 @@ impl DirectionEstimator {
         self.speed_q12 += (speed - self.speed_q12) >> 2;
         let position = self.slack_nm.saturating_add(travel_nm);
         self.slack_nm = clamp_abs(position, model.play_nm);
-        let effective = i64::from(position) - i64::from(self.slack_nm);
-        let error = i64::from(error.to_bits());
-        let band = i64::from(REST_DEAD_BAND.to_bits());
-        // 4 N give more than the largest step; 24 bits of it, 8 of the rate and 24 of stillness
-        // make 56.
-        let beyond = (error - clamp_abs(error, band)).clamp(-(4 << 22), 4 << 22);
-        let intent = (beyond * REST_STEPS * i64::from(self.stillness().0)) >> 24;
+        // Both are far from 31 bits.
+        let effective = position - self.slack_nm;
+        let beyond = error.saturating_sub(error.clamp_abs(REST_DEAD_BAND));
+        // 4 N give more than the largest step. 25 bits of it, and 31 of the rate and stillness.
+        let beyond = clamp_abs(beyond.to_bits(), 4 << Newton::FRAC_BITS);
+        let rate = self.stillness().0 * (REST_STEPS / 2);
+        let intent = (i64::from(beyond) * i64::from(rate)) >> 23;
 
         self.direction = if let Some(foretold) = foretold_q8 {
-            let weight = (i64::from(self.stillness().0) << FORETOLD_SHIFT).min(Stillness::ONE);
-            // 30 bits each, their difference 31, and 24 of the weight.
-            const MOST: i32 = (MAX_TRAVEL_NM << 8) - 1;
-            let travel = clamp_abs(effective as i32, MAX_TRAVEL_NM - 1) << 8;
-            let foretold = clamp_abs(foretold, MOST);
-            let nearer = (i64::from(foretold - travel) * weight) >> 24;
-            let used = travel + nearer as i32;
-            let last = (i64::from(used) * i64::from(model.presliding_q8)) >> 16;
-            let last = clamp_abs(last, i64::from(Direction::ONE)) as i32;
-            let further = clamp_abs(intent, Self::MAX_STEP) as i32;
-            let start = Presliding([self.direction.0; 4]);
-            self.presliding.get_or_insert(start).step(last, further)
+            self.follow(model, effective, foretold, intent)
         } else {
             self.presliding = None;
-            let presliding = (effective * i64::from(model.per_nm_q8)) >> 8;
+            let presliding = (i64::from(effective) * i64::from(model.per_nm_q8)) >> 8;
             let change = (presliding + intent).clamp(-Self::MAX_STEP, Self::MAX_STEP);
             Direction::from_q30(i64::from(self.direction.0) + change)
         };
         self.direction
+    }
+
+    /// The direction where the host foretells the travel. Apart from [`Self::step`], so that a
+    /// sample without it does not pay for it.
+    #[inline(never)]
+    fn follow(
+        &mut self,
+        model: &Model,
+        effective_nm: i32,
+        foretold_q8: i32,
+        intent: i64,
+    ) -> Direction {
+        // Stillness is 25 bits.
+        let weight = (self.stillness().0 << FORETOLD_SHIFT).min(Stillness::ONE as i32);
+        // 30 bits each, their difference 31, and 24 of the weight.
+        const MOST: i32 = (MAX_TRAVEL_NM << 8) - 1;
+        let travel = clamp_abs(effective_nm, MAX_TRAVEL_NM - 1) << 8;
+        let foretold = clamp_abs(foretold_q8, MOST);
+        let nearer = (i64::from(foretold - travel) * i64::from(weight)) >> 24;
+        let used = travel + nearer as i32;
+        let last = (i64::from(used) * i64::from(model.presliding_q8)) >> 16;
+        let last = clamp_abs(last, i64::from(Direction::ONE)) as i32;
+        let further = clamp_abs(intent, Self::MAX_STEP) as i32;
+        let start = Presliding([self.direction.0; 4]);
+        self.presliding.get_or_insert(start).step(last, further)
     }
 
     /// The direction now.
@@ -720,6 +740,6 @@ pub const MAX_TRAVEL_NM: i32 = 1 << 22;
 #[must_use]
 pub fn travel(from: EncoderCounts, to: EncoderCounts, nm_per_count: i32) -> i32 {
     let counts = to.0.wrapping_sub(from.0).clamp(-(1 << 22), 1 << 22);
-    let nm = counts * i64::from(nm_per_count);
+    let nm = i64::from(counts as i32) * i64::from(nm_per_count);
     nm.clamp(-i64::from(MAX_TRAVEL_NM), i64::from(MAX_TRAVEL_NM)) as i32
 }

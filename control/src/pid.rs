@@ -79,8 +79,8 @@ impl Terms {
 pub struct Pid {
     /// Integral, newton times 2^52.
     integral: i64,
-    /// Slow part of the travel a sample, nanometres times 65,536.
-    slow_travel_q16: i64,
+    /// Slow part of the travel a sample, nanometres times 128.
+    slow_travel_q7: i32,
 }
 
 /// How many nominal periods a time spans, as a shift: 0 for one, 1 for two, 2 for more.
@@ -101,10 +101,12 @@ impl Pid {
         let rise = i64::from(measured.rise.to_bits() >> shift);
         let derivative = -((i64::from(config.kd_rate_q16) * rise) >> 16);
 
-        let travel_q16 = i64::from(measured.travel_nm >> shift) << 16;
-        self.slow_travel_q16 += ((travel_q16 - self.slow_travel_q16) * DAMPING_LEAK_Q16) >> 16;
-        let fast_q8 = (travel_q16 - self.slow_travel_q16) >> 8;
-        let damping = -((fast_q8 * i64::from(config.damping)) >> 24);
+        // 23 bits of travel at most: each has 30 bits, their difference 31.
+        let travel_q7 = (measured.travel_nm >> shift) << 7;
+        let leaks = i64::from(travel_q7 - self.slow_travel_q7) * DAMPING_LEAK_Q16;
+        self.slow_travel_q7 += (leaks >> 16) as i32;
+        let fast_q7 = travel_q7 - self.slow_travel_q7;
+        let damping = -((i64::from(fast_q7) * i64::from(config.damping)) >> 23);
         Terms {
             p: Newton::from_wide(p),
             i: self.integral(),
@@ -127,7 +129,11 @@ impl Pid {
         // ki dt, times 2^30: at most 200/s * 12.5 ms = 2.5, up to five times that at rest; cut at 2
         // so that the product with the error stays within 62 bits.
         let gain_q30 = (i64::from(config.ki_us) * i64::from(measured.dt_us)) >> (KI_SHIFT - 30);
-        let boosted = (gain_q30 * (Stillness::ONE + REST_BOOST * i64::from(boost.q24()))) >> 24;
+        let boosted = if boost == Stillness::default() {
+            gain_q30
+        } else {
+            (gain_q30 * (Stillness::ONE + REST_BOOST * i64::from(boost.q24()))) >> 24
+        };
         let mut addition = error * boosted.min(1 << 31);
         let excess = i64::from(excess.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
         if excess > 0 && addition > 0 {

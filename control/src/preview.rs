@@ -19,7 +19,9 @@ pub const DOUBT_NM: i32 = 500_000;
 /// with 10 um of noise.
 const FORGET_SHIFT: u32 = 7;
 
-/// Samples for which the host is not believed after that, 0.8 s: two time constants.
+/// Samples for which the host is not believed after that, 0.8 s: two time constants. They begin
+/// anew as long as the distance is more than half of [`DOUBT_NM`], so that a speed at the limit is
+/// not believed and doubted in turn.
 const DOUBT_SAMPLES: u8 = 255;
 
 /// What has become of the speeds that the host expected.
@@ -42,19 +44,32 @@ impl Preview {
         periods_shift: u32,
     ) -> Option<i32> {
         self.doubt = self.doubt.saturating_sub(1);
-        let Some(speed) = expected else {
-            // What was wrong stays wrong for a while: a host that speaks now and then is doubted
-            // too.
-            self.lead_q8 -= self.lead_q8 >> FORGET_SHIFT;
-            return None;
-        };
+        match expected {
+            Some(speed) => self.believe(speed, travel_nm, periods_shift),
+            None => {
+                // What was wrong stays wrong for a while: a host that speaks now and then is
+                // doubted too.
+                self.lead_q8 -= self.lead_q8 >> FORGET_SHIFT;
+                None
+            }
+        }
+    }
+
+    /// Apart from [`Self::step`], so that a sample without a speed does not pay for it.
+    #[inline(never)]
+    fn believe(&mut self, speed: ReelSpeed, travel_nm: i32, periods_shift: u32) -> Option<i32> {
         // What saturates here is past every limit below.
         let expected_q8 = speed.nm_q8().saturating_mul(1 << periods_shift);
         let lead = self.lead_q8.saturating_add(expected_q8);
         let lead = lead.saturating_sub(travel_nm.saturating_mul(256));
         let lead = clamp_abs(lead, DOUBT_NM << 10);
         self.lead_q8 = lead - (lead >> FORGET_SHIFT);
-        if self.lead_q8.abs() > DOUBT_NM << 8 {
+        let most = if self.doubt == 0 {
+            DOUBT_NM << 8
+        } else {
+            DOUBT_NM << 7
+        };
+        if self.lead_q8.abs() > most {
             self.doubt = DOUBT_SAMPLES;
         }
         (self.doubt == 0).then_some(expected_q8)

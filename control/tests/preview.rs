@@ -30,9 +30,21 @@ fn errors(plant: &PlantConfig, seed: u64, poses: Option<Poses>) -> Vec<(f64, f64
 #[test]
 fn it_helps_on_every_plant() {
     for (name, plant) in plants::all() {
-        let without = rms(&errors(&plant, 5, None));
-        for poses in [Poses::RAVEN, Poses::dvrk(2e-6), Poses::dvrk(5e-6)] {
-            let with = rms(&errors(&plant, 5, Some(poses)));
+        // Other robots are held with errors that differ more from seed to seed.
+        let seeds = if name.contains("robot") { 5..8 } else { 5..6 };
+        let rms_of = |poses: Option<Poses>| {
+            let all: Vec<_> = (seeds.clone())
+                .flat_map(|seed| errors(&plant, seed, poses))
+                .collect();
+            rms(&all)
+        };
+        let without = rms_of(None);
+        for poses in [
+            Poses::RAVEN,
+            Poses::dvrk(2e-6, 100.0),
+            Poses::dvrk(5e-6, 0.0),
+        ] {
+            let with = rms_of(Some(poses));
             println!("{name}, {poses:?}: {with:.4} N with, {without:.4} N without");
             // Poses with 5 um are not good enough for a robot as fast, or one that turns back at
             // once.
@@ -49,7 +61,7 @@ fn it_helps_on_every_plant() {
 fn with_poses_that_are_too_noisy_all_is_as_without() {
     let plant = PlantConfig::default();
     assert_eq!(
-        errors(&plant, 5, Some(Poses::dvrk(5e-5))),
+        errors(&plant, 5, Some(Poses::dvrk(5e-5, 0.0))),
         errors(&plant, 5, None)
     );
 }
@@ -105,8 +117,8 @@ fn no_speed_that_a_host_can_tell_is_a_hazard() {
             let worst = largest_error(moving, told);
             println!("{name}, moving {moving}: {worst:.3?}");
             for (unit, worst) in worst.iter().enumerate() {
-                // A whole friction, 3.2 N from one side to the other, and the swing that it starts.
-                assert!(*worst < 4.0, "{name}, unit {unit}: {worst} N");
+                // Less than a whole friction, 3.2 N from one side to the other.
+                assert!(*worst < 2.5, "{name}, unit {unit}: {worst} N");
             }
         };
         for speed in [full, -full, 1_200, -1_200] {
@@ -136,12 +148,71 @@ fn a_speed_of_the_wrong_sign_is_soon_not_believed() {
         .take_while(|_| preview.step(told, 15_625, 0).is_some())
         .count();
     assert_eq!(believed, (DOUBT_NM / 31_250 + 1) as usize);
-    // It is believed again 0.8 s after the last one that was wrong by as much.
+    // It is believed again 0.8 s after the last one that was wrong by half as much: 0.5 mm are
+    // forgotten to the half in 128 ln 2 samples.
     let right = Some(ReelSpeed::from_um_per_s(5_000));
     let doubted = (0..1_000)
         .take_while(|_| preview.step(right, 15_625, 0).is_none())
         .count();
-    assert!((254..300).contains(&doubted), "{doubted}");
+    assert!((254 + 88..300 + 88).contains(&doubted), "{doubted}");
+}
+
+/// A speed whose error swings about what is just too much is doubted once, and stays so.
+#[test]
+fn a_speed_at_the_limit_is_not_believed_in_turns() {
+    for (um_per_s, swing, expected) in [(1_000.0, 0.0, 0), (2_000.0, 0.0, 1), (1_250.0, 400.0, 1)] {
+        let mut preview = Preview::default();
+        // A period of 4 s: what is forgotten within 0.4 s swings as well.
+        let believed: Vec<bool> = (0..20_000)
+            .map(|n| {
+                let told =
+                    um_per_s + swing * (std::f64::consts::TAU * f64::from(n) / 1_280.0).sin();
+                let told = ReelSpeed::from_um_per_s(told as i32);
+                preview.step(Some(told), 0, 0).is_some()
+            })
+            .collect();
+        let changes = believed.windows(2).filter(|two| two[0] != two[1]).count();
+        println!("{um_per_s} +- {swing} um/s: {changes} changes");
+        assert_eq!(changes, expected, "{um_per_s} +- {swing} um/s");
+    }
+}
+
+/// A host whose poses come and go: what the integral shows at a reversal is learned all the same.
+#[test]
+fn a_preview_that_comes_and_goes_does_not_keep_the_level_from_being_learned() {
+    for period_s in [0.15, 0.5, 1.3] {
+        let mut plant = PlantConfig::default();
+        plants::scale_friction(&mut plant, 0.8);
+        let mut rig = rig::Rig::new(plant, 11, &Config::nominal());
+        let mut host = Host::new(Poses::dvrk(2e-6, 0.0), &rig, 11);
+        for unit in &mut rig.units {
+            unit.drive = Drive::Follow;
+        }
+        while rig.time_s() < 40.0 {
+            let t = rig.time_s();
+            rig.plant.set_robot_moving(t > 2.0);
+            for (i, unit) in rig.units.iter_mut().enumerate() {
+                unit.setpoint_n = 4.1 + 1.9 * (0.4 * t + i as f64).sin();
+            }
+            host.step(&mut rig);
+            if ((t / period_s) as u64).is_multiple_of(2) {
+                rig.units
+                    .iter_mut()
+                    .for_each(|unit| unit.reel_um_per_s = None);
+            }
+            rig.advance(|_, _, output| assert_eq!(output.fault, None));
+        }
+        let learned: Vec<f64> = (rig.units.iter())
+            .map(|unit| unit.state.level().excess())
+            .collect();
+        println!("{period_s} s: {learned:.3?}");
+        for (unit, excess) in learned.iter().enumerate() {
+            assert!(
+                (excess + 0.2).abs() < 0.1,
+                "unit {unit}, {period_s} s: {excess}"
+            );
+        }
+    }
 }
 
 #[test]

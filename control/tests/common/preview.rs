@@ -5,7 +5,7 @@
 use crate::rig::{Noise, Rig, STEP_US};
 use nalgebra::Vector3;
 use plant::geometry::nominal_geometry;
-use robot::motion::Motion;
+use robot::motion::Foretold;
 use std::collections::VecDeque;
 
 /// How a robot reports its tip.
@@ -15,6 +15,9 @@ pub struct Poses {
     pub period_us: u64,
     /// From the moment that a pose describes until the host has it, us.
     pub latency_us: u64,
+    /// How far that scatters, standard deviation, us. Normal; a pose that would come before the one
+    /// ahead of it comes with it.
+    pub jitter_us: f64,
     /// White noise of each coordinate, standard deviation, m.
     pub noise_m: f64,
     /// Step of each coordinate, m; 0: none.
@@ -23,10 +26,11 @@ pub struct Poses {
 
 impl Poses {
     /// As a dVRK sends them: 100 Hz.
-    pub const fn dvrk(noise_m: f64) -> Self {
+    pub const fn dvrk(noise_m: f64, jitter_us: f64) -> Self {
         Self {
             period_us: 10_000,
             latency_us: 5_000,
+            jitter_us,
             noise_m,
             step_m: 0.0,
         }
@@ -37,6 +41,7 @@ impl Poses {
     pub const RAVEN: Self = Self {
         period_us: 1_000,
         latency_us: 2_000,
+        jitter_us: 100.0,
         noise_m: 0.0,
         step_m: 2e-6,
     };
@@ -45,21 +50,19 @@ impl Poses {
 /// Time between two setpoints of the host, us.
 const CYCLE_US: u64 = 10_000;
 
-/// Largest standard deviation of the speed that the host sends, m/s, and how far ahead it predicts,
-/// s: as in `host/force/src/preview.rs`.
-const SD_M_PER_S: f64 = 1.2e-4;
-const AHEAD_S: f64 = 6.5e-3;
-
 /// Robot and host.
 pub struct Host {
     poses: Poses,
     noise: Noise,
     next_pose: u64,
     next_cycle: u64,
-    /// Poses on their way: when they arrive, when they were, us; the tip.
-    underway: VecDeque<(u64, u64, Vector3<f64>)>,
-    tip: Option<Vector3<f64>>,
-    motion: Motion,
+    /// Poses on their way: when they arrive, us; the tip.
+    underway: VecDeque<(u64, Vector3<f64>)>,
+    /// The newest that has arrived.
+    newest: Option<(u64, Vector3<f64>)>,
+    foretold: Foretold,
+    /// How often the speeds were sent after they were not, or the other way round.
+    pub changes: u32,
     exits: Vec<Vector3<f64>>,
 }
 
@@ -68,11 +71,13 @@ impl Host {
         Self {
             poses,
             noise: Noise(seed ^ 0x0070_7365),
-            next_pose: 0,
+            // The two cycles have nothing to do with each other.
+            next_pose: (seed * 1_700) % poses.period_us,
             next_cycle: 0,
             underway: VecDeque::new(),
-            tip: None,
-            motion: Motion::default(),
+            newest: None,
+            foretold: Foretold::default(),
+            changes: 0,
             exits: nominal_geometry(rig.plant.config())
                 .iter()
                 .map(|unit| unit.position_m.into())
@@ -94,25 +99,32 @@ impl Host {
                     x
                 }
             });
-            self.underway
-                .push_back((now + self.poses.latency_us, now, tip.into()));
+            let jitter_us = self.poses.jitter_us * self.noise.normal();
+            let arrives = now
+                + self
+                    .poses
+                    .latency_us
+                    .saturating_add_signed(jitter_us as i64);
+            let last = self.underway.back().map_or(0, |pose| pose.0);
+            self.underway.push_back((arrives.max(last), tip.into()));
         }
-        while let Some((_, at, tip)) = self.underway.pop_front_if(|pose| pose.0 <= now) {
-            self.motion.see(at as f64 * 1e-6, tip);
-            self.tip = Some(tip);
+        while let Some(pose) = self.underway.pop_front_if(|pose| pose.0 <= now) {
+            self.newest = Some(pose);
         }
         if now < self.next_cycle {
             return;
         }
         self.next_cycle = now + CYCLE_US;
-        let velocity = self
-            .motion
-            .velocity_at(now as f64 * 1e-6 + AHEAD_S)
-            .filter(|velocity| velocity.sd_m_per_s <= SD_M_PER_S);
+        // The host has a pose's arrival, and no more than the newest one in a cycle.
+        let s = |us: u64| us as f64 * 1e-6;
+        let known = self
+            .newest
+            .and_then(|(at, tip)| Some((tip, self.foretold.see(s(at), tip, s(now))?)));
+        self.changes += u32::from(known.is_some() != rig.units[0].reel_um_per_s.is_some());
         for (unit, exit) in rig.units.iter_mut().zip(&self.exits) {
-            unit.reel_um_per_s = velocity.zip(self.tip).map(|(velocity, tip)| {
+            unit.reel_um_per_s = known.map(|(tip, velocity)| {
                 let direction = (exit - tip).normalize();
-                (direction.dot(&velocity.m_per_s) * 1e6).round() as i32
+                (direction.dot(&velocity) * 1e6).round() as i32
             });
         }
     }

@@ -271,10 +271,11 @@ impl Reference {
         self.lead_nm -= self.lead_nm / 128.0;
         // Fixed point rounds up to a 256th of a nanometre away in each of the 128 samples that
         // count.
-        if (self.lead_nm.abs() - 5e5).abs() < 1.0 {
+        let most = if self.doubt == 0 { 5e5 } else { 2.5e5 };
+        if (self.lead_nm.abs() - most).abs() < 1.0 {
             *margin = 0.0;
         }
-        if self.lead_nm.abs() > 5e5 {
+        if self.lead_nm.abs() > most {
             self.doubt = 255;
         }
         (self.doubt == 0).then_some(expected_nm)
@@ -431,13 +432,13 @@ impl Reference {
                 if foretold_nm.is_some() != self.foretold {
                     // The command goes on without a jump.
                     let before = half * share_of(self.foretold) / share;
-                    let level = 1.0 + self.level.excess;
-                    self.integral -= self.direction * level * (half - before);
+                    let more = (1.0 + self.level.excess) * (half - before);
+                    self.integral -= self.direction * more;
+                    // The means are of a reel that slid, one in each direction.
+                    let of_mean = if self.level.inwards { more } else { -more };
+                    self.level.mean -= of_mean;
+                    self.level.before = self.level.before.map(|before| before + of_mean);
                     self.foretold = foretold_nm.is_some();
-                    self.level = Level {
-                        excess: self.level.excess,
-                        ..Level::default()
-                    };
                 }
                 let p = q16(w.kp_q16) * error;
                 let derivative = if self.closed {

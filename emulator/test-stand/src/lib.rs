@@ -121,6 +121,11 @@ impl<'l> Stand<'l> {
 
     /// Puts these tensions in force, for cables in line with their load cells.
     pub fn hold(&mut self, tension_n: [f64; UNITS]) {
+        self.hold_foretold(tension_n, None);
+    }
+
+    /// The same with a foretold speed of every reel.
+    pub fn hold_foretold(&mut self, tension_n: [f64; UNITS], reel_um_per_s: Option<i32>) {
         let rig = rig_file();
         let tip = rig.workspace.center_m;
         self.session
@@ -130,7 +135,7 @@ impl<'l> Stand<'l> {
                 direction_q14: rig.units[unit]
                     .cable_at(tip)
                     .map_or([0; 3], |(direction, _)| direction_q14(&direction)),
-                reel_um_per_s: None,
+                reel_um_per_s,
             })));
     }
 

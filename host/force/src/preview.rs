@@ -3,16 +3,7 @@
 
 use control::unit::REEL_SPEED_MAX_UM_PER_S;
 use nalgebra::Vector3;
-use robot::motion::Motion;
-
-/// Largest standard deviation of the tip's speed that is sent, m/s. Poses at 100 Hz reach it at
-/// some 8 um of noise. With worse ones the largest tension error was larger with the speed than
-/// without (example `tension_loop` of control, presliding distance twice the declared one).
-pub const SD_M_PER_S: f64 = 1.2e-4;
-
-/// How far ahead the speed is predicted, s: to the middle of the 10 ms until the next setpoints (5
-/// ms), and to the middle of the time for which the board holds a command (1.5 ms).
-pub const AHEAD_S: f64 = 6.5e-3;
+use robot::motion::Foretold;
 
 /// When a pose was, on a clock of its source.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,7 +17,7 @@ pub struct Moment {
 /// What is known of the tip's motion.
 #[derive(Debug, Default)]
 pub struct Preview {
-    motion: Motion,
+    foretold: Foretold,
 }
 
 impl Preview {
@@ -34,14 +25,10 @@ impl Preview {
     /// enough to be sent; never without the time of the pose.
     pub fn see(&mut self, tip_m: Vector3<f64>, moment: Option<Moment>) -> Option<Vector3<f64>> {
         let Some(moment) = moment else {
-            self.motion = Motion::default();
+            self.foretold = Foretold::default();
             return None;
         };
-        self.motion.see(moment.tip_s, tip_m);
-        self.motion
-            .velocity_at(moment.now_s + AHEAD_S)
-            .filter(|velocity| velocity.sd_m_per_s <= SD_M_PER_S)
-            .map(|velocity| velocity.m_per_s)
+        self.foretold.see(moment.tip_s, tip_m, moment.now_s)
     }
 }
 

@@ -1,7 +1,9 @@
 //! Six converters with drifting clocks, read one by one as they become ready.
 
 use emulator::allowed;
+use emulator_link::Latency;
 use test_stand::{quantile, rig, Stand};
+use wire::UNITS;
 
 #[test]
 fn six_units_stream_and_nothing_is_lost() {
@@ -98,11 +100,25 @@ fn a_sample_moves_its_motor_in_a_fifth_of_a_millisecond() {
     // 0.45 ms is the goal of the bench; with the edges of the I2C lines counted the bus takes a
     // little longer.
     assert!(p99 <= 0.50, "99th percentile {p99:.3} ms");
-    let instructions: Vec<f64> = latencies.iter().map(|l| l.instructions as f64).collect();
-    let typical = quantile(&instructions, 0.5);
-    println!("{typical} instructions a sample");
-    // Without the host's word on the reels' speeds, for which 100 more are left of the 2,200.
-    assert!(typical <= 2100.0, "{typical} instructions a sample");
+    let typical = |latencies: &[Latency]| {
+        let instructions: Vec<f64> = latencies.iter().map(|l| l.instructions as f64).collect();
+        quantile(&instructions, 0.5)
+    };
+    let alone = typical(&latencies);
+    // A reel at rest: slow enough to be believed for good.
+    stand.hold_foretold([3.0; UNITS], Some(500));
+    stand.run(1.0);
+    stand.report();
+    stand.run(2.0);
+    let foretold = typical(&stand.report().latencies);
+    println!("{alone} instructions a sample, {foretold} with a foretold speed");
+    assert!(alone <= 2000.0, "{alone} instructions a sample");
+    assert!(
+        foretold <= 2200.0,
+        "{foretold} instructions a sample with a foretold speed"
+    );
+    // The speed is used.
+    assert!(foretold > alone, "{foretold} and {alone}");
 }
 
 #[test]
