@@ -224,7 +224,6 @@ fn five_noise_events_within_a_second_stop_their_unit() {
     }
 }
 
-/// What one sample, or a few, of a unit show.
 /// A unit that follows setpoints has 13 N as its limit, one at 0 V the 20 N of the rig file: it may
 /// have no zero.
 #[test]
@@ -244,6 +243,39 @@ fn over_tension_is_13_n_while_a_unit_is_driven() {
     }
 }
 
+/// One that was driven waits until the cable is below 13 N, one at 0 V until it is below 20 N.
+#[test]
+fn over_tension_is_cleared_below_the_limit_that_it_passed() {
+    for unit in 0..UNITS {
+        for (driven, tripped_n, too_tight_n, loose_n) in
+            [(true, 13.5, 13.3, 12.7), (false, 20.5, 20.3, 19.7)]
+        {
+            let mut bench = if driven { held() } else { Bench::ready() };
+            if !driven {
+                // The power's trial of the outputs is over.
+                bench.run(310);
+            }
+            bench.cell_n[unit] = Some(tripped_n);
+            bench.run(13);
+            let code = Fault::OverTension.code();
+            assert_eq!(bench.status().units[unit].fault, code, "unit {unit}");
+            if driven {
+                // The cable lets go, and the robot pulls it afterwards.
+                bench.cell_n[unit] = Some(1.0);
+                bench.run(100);
+            }
+            for (cell_n, left) in [(too_tight_n, code), (loose_n, 0)] {
+                bench.cell_n[unit] = Some(cell_n);
+                bench.run(24);
+                bench.ask(0, Command::ClearFaults);
+                let fault = bench.status().units[unit].fault;
+                assert_eq!(fault, left, "unit {unit}, {cell_n} N, driven {driven}");
+            }
+        }
+    }
+}
+
+/// What one sample, or a few, of a unit show.
 #[test]
 fn what_a_load_cell_shows_stops_its_unit_only() {
     for unit in 0..UNITS {

@@ -391,6 +391,17 @@ impl Config {
         self.wire.enabled
     }
 
+    /// Tension that trips the unit while it is `driven`, or at 0 V, where its zero may not have
+    /// been measured.
+    #[must_use]
+    pub const fn over_tension(&self, driven: bool) -> Newton {
+        if driven {
+            self.over_tension_driven
+        } else {
+            self.over_tension
+        }
+    }
+
     /// Largest commanded cable force.
     #[must_use]
     pub const fn force_limit(&self) -> Newton {

@@ -482,10 +482,7 @@ impl State {
         travel_nm: i32,
     ) -> Option<(Fault, u32)> {
         let count = |seen: u8, now: bool| if now { seen.saturating_add(1) } else { 0 };
-        let limit = match input.drive {
-            Drive::Follow | Drive::Ramp => config.over_tension_driven,
-            Drive::Off => config.over_tension,
-        };
+        let limit = config.over_tension(input.drive != Drive::Off);
         self.over = count(self.over, strongest > limit);
         self.saturated = count(self.saturated, input.adc_code.is_saturated());
         self.slack_nm = if tension > SLACK_TENSION || input.drive == Drive::Off {

@@ -38,6 +38,8 @@ mutants! { TESTED:
     "estop-clearable-open": "board/src/machine/commands.rs", "Fault::EStop => estop_open," => "Fault::EStop => false,";
     "register-clearable": "board/src/machine/commands.rs", "Fault::RegisterChanged => register_changed," => "Fault::RegisterChanged => false,";
     "clear-keeps-unit-faults": "board/src/machine/commands.rs", ".clear(|fault| fault == Fault::OverTension && too_tight);" => ".clear(|_| true);";
+    "over-tension-cleared-at-20-n": "board/src/machine/commands.rs", "unit.config.over_tension(unit.tripped_driven)" => "unit.config.over_tension(false)";
+    "over-tension-cleared-at-13-n": "board/src/machine/commands.rs", "unit.config.over_tension(unit.tripped_driven)" => "unit.config.over_tension(true)";
     "takeover-while-zeroing": "board/src/machine/commands.rs", "Some((other, _)) if other != link => self.system != SystemState::Zeroing," => "Some((other, _)) if other != link => true,";
     "stage-while-driving": "board/src/machine/commands.rs", "        if self.system.drives() {\n            return Err(CommandError::State(self.system as u8));\n        }\n        let slot" => "        let slot";
     "stage-board-while-driving": "board/src/machine/commands.rs", "        if self.system.drives() {\n            return Err(CommandError::State(self.system as u8));\n        }\n        if !TIP" => "        if !TIP";
@@ -57,6 +59,8 @@ mutants! { TESTED:
     "level-without-limit": "control/src/friction.rs", "const LEVEL_LIMIT_Q24: i32 = 6_710_886;" => "const LEVEL_LIMIT_Q24: i32 = 67_108_860;";
     "level-survives-configuration": "control/src/unit.rs", "        self.level = Level::default();\n" => "";
     "level-of-a-resting-reel": "control/src/friction.rs", "let moves = self.speed_q12 > MOVING_NM << 11;" => "let moves = true;";
+    "level-begins-with-each-preview": "control/src/friction.rs", "        self.share = share;\n        is_new" => "        self.share = share;\n        if is_new { self.begin(); }\n        is_new";
+    "speed-at-the-limit-believed-in-turns": "control/src/preview.rs", "DOUBT_NM << 7" => "DOUBT_NM << 8";
     "five-results-discarded": "drivers/src/nau7802/settling.rs", "pub const RESULTS: u8 = 6;" => "pub const RESULTS: u8 = 5;";
     "pointer-ahead-while-settling": "board/src/bus/schedule.rs", " && unit.settling.is_over()" => "";
     "astray-read-keeps-pointers": "board/src/bus/mod.rs", "        if astray {\n" => "        if false {\n";

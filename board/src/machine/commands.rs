@@ -248,8 +248,8 @@ impl Machine {
             if !(unit.sensor_up && unit.let_go.holds(unit.control.tension())) {
                 unit.let_go.forget();
             }
-            let too_tight = unit.sensor_up
-                && unit.control.tension().to_un() > unit.config.wire().over_tension_un;
+            let limit = unit.config.over_tension(unit.tripped_driven);
+            let too_tight = unit.sensor_up && unit.control.tension() > limit;
             unit.latch
                 .clear(|fault| fault == Fault::OverTension && too_tight);
         }

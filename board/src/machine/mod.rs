@@ -125,6 +125,8 @@ struct Unit {
     control: unit::State,
     motor: MotorState,
     latch: Latch,
+    /// The unit was driven when it tripped by over-tension.
+    tripped_driven: bool,
     rate: Rate,
     setpoint: Setpoint,
     /// The host has sent the configuration.
@@ -159,6 +161,7 @@ impl Unit {
             control: unit::State::default(),
             motor: MotorState::default(),
             latch: Latch::new(),
+            tripped_driven: false,
             rate: Rate::default(),
             setpoint: Setpoint::default(),
             configured: false,

@@ -102,6 +102,9 @@ impl Machine {
         let output = Controller::step(&slot.config, &mut slot.control, input);
         slot.at_zero = output.at_zero;
         if let Some((fault, detail)) = output.fault {
+            if fault == Fault::OverTension && !slot.latch.has(fault) {
+                slot.tripped_driven = drive != Drive::Off;
+            }
             self.fault_unit(unit, fault, detail, at, fx);
         }
         (output.dac, pending(drive, output, true))
