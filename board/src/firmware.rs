@@ -96,6 +96,8 @@ impl Board {
         };
         startup::debug(&part.DBGMCU);
         gpio::configure();
+        let dac_reset_pull = gpio::pull_of(pins::DAC_RST);
+        let unique_id = startup::unique_id();
         let silicon = startup::revision(&part.DBGMCU);
         startup::axi_read_fix(silicon);
         let option_bytes = part.FLASH.optsr_cur().read().bits();
@@ -113,7 +115,7 @@ impl Board {
         let (counters, broken_counter) = Counters::start();
         let (usart, usart_queue) = usart::start(&part.USART3, &part.DMAMUX1, silicon);
         let usb_supplied = startup::usb_supply(&part.RCC, &part.PWR);
-        let (usb, usb_queue) = usb::start(usb_supplied);
+        let (usb, usb_queue) = usb::start(usb_supplied, unique_id);
         let events = sensors::start(&part.SYSCFG, &part.EXTI);
 
         defmt::info!(
@@ -134,6 +136,8 @@ impl Board {
                 hse,
                 reset_flags,
                 option_bytes,
+                unique_id,
+                dac_reset_pull,
                 crash_record,
             }),
             events,

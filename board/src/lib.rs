@@ -18,7 +18,6 @@ pub mod hw;
 pub mod machine;
 pub mod pins;
 pub mod register_table;
-pub mod serial_number;
 pub mod shared;
 pub mod telemetry;
 

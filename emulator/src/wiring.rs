@@ -103,14 +103,14 @@ pub const FUNCTIONS: [(Pin, u8, &str); 8] = [
 ];
 
 /// Level of each line of a port that nothing drives, as the motor control board's resistors set it:
-/// the active-low controls and LDAC are pulled up, so an output keeps its value while the
-/// controller is in reset; the alive line is pulled down.
+/// the active-low controls and LDAC are pulled up; DAC_RST and the alive line are pulled down, so
+/// that the DACs stand at 0 V while the controller is in reset.
 pub const IDLE: [u16; PORTS] = {
     let mut idle = [0; PORTS];
     idle[I2C_SCL.port] = I2C_SCL.bit() | I2C_SDA.bit();
     idle[CNT_RD.port] =
         CNT_RD.bit() | CNT_WR.bit() | CNT_CS[0].bit() | CNT_CS[1].bit() | CNT_CS[2].bit();
-    idle[MUX_RST.port] = MUX_RST.bit() | DAC_LDAC.bit() | DAC_RST.bit();
+    idle[MUX_RST.port] = MUX_RST.bit() | DAC_LDAC.bit();
     idle[DAC_CS[0].port] = 0x003F;
     idle
 };

@@ -5,6 +5,7 @@
 //! `control::faults`, the one place that names and explains them.
 
 use crate::UNITS;
+use core::fmt::Write as _;
 use heapless::{String, Vec};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -364,6 +365,11 @@ pub struct BoardInfo {
     /// FLASH_OPTSR_CUR at boot (RM0433 section 4.4): the option bytes in force. See
     /// [`Self::brown_out_level`].
     pub option_bytes: u32,
+    /// The controller's own number of 96 bits (RM0433 section 61.1), the serial number of its USB
+    /// port. See [`Self::number`].
+    pub unique_id: [u32; 3],
+    /// What holds DAC_RST while the controller does not drive it, as found at boot.
+    pub dac_reset_pull: Pull,
     /// Crash record of the previous run: the fault or panic that ended it, or `None`.
     pub crash_record: Option<CrashRecord>,
 }
@@ -377,6 +383,48 @@ impl BoardInfo {
     #[must_use]
     pub const fn brown_out_level(&self) -> u8 {
         (self.option_bytes >> 2 & 3) as u8
+    }
+
+    /// The controller's number as 24 hexadecimal digits, word by word; `None` where it has none
+    /// (all bits are zero).
+    #[must_use]
+    pub fn number(&self) -> Option<String<24>> {
+        (self.unique_id != [0; 3]).then(|| serial_number(self.unique_id))
+    }
+}
+
+/// A controller's number as 24 hexadecimal digits, word by word, the highest digit of each first.
+#[must_use]
+pub fn serial_number(unique_id: [u32; 3]) -> String<24> {
+    let mut digits = String::new();
+    for word in unique_id {
+        // Three times eight digits fit.
+        let _ = write!(digits, "{word:08X}");
+    }
+    digits
+}
+
+/// What holds a pin that the controller does not drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum Pull {
+    /// A pull-down: it stays low against the controller's own pull-up.
+    Down,
+    /// Nothing: it follows the controller's own pull-up and pull-down.
+    None,
+    /// A pull-up: it stays high against the controller's own pull-down.
+    Up,
+}
+
+impl Pull {
+    /// From the levels that the pin had with the controller's own pull-up and pull-down (30 to 50
+    /// kOhm; a resistor of the board is 10 kOhm or less).
+    #[must_use]
+    pub const fn of_levels(high_pulled_up: bool, high_pulled_down: bool) -> Self {
+        match (high_pulled_up, high_pulled_down) {
+            (false, _) => Self::Down,
+            (true, false) => Self::None,
+            (true, true) => Self::Up,
+        }
     }
 }
 
@@ -532,4 +580,22 @@ pub mod flags {
     pub const AT_ZERO: u8 = 128;
     /// The command is at one of its limits.
     pub const AT_A_LIMIT: u8 = LIMITED | AT_ZERO;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_word_comes_first_and_its_highest_digit() {
+        let digits = serial_number([0x0123_4567, 0x89AB_CDEF, 0x0000_000A]);
+        assert_eq!(digits, "0123456789ABCDEF0000000A");
+    }
+
+    #[test]
+    fn a_resistor_is_told_by_what_it_holds_against() {
+        assert_eq!(Pull::of_levels(false, false), Pull::Down);
+        assert_eq!(Pull::of_levels(true, false), Pull::None);
+        assert_eq!(Pull::of_levels(true, true), Pull::Up);
+    }
 }

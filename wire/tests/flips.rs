@@ -169,6 +169,8 @@ fn messages_of_the_board() {
         hse: true,
         reset_flags: 0x0040_0000,
         option_bytes: 0x1006_AAF0,
+        unique_id: [0x0031_0025, 0x3039_510D, 0x3431_3737],
+        dac_reset_pull: Pull::Down,
         crash_record: None,
     };
     let messages = [

@@ -6,7 +6,9 @@
 //! 11.4.7), so a write here holds one or the other.
 
 use super::pac::{self, gpioa::RegisterBlock, RCC};
+use super::startup;
 use crate::pins::{self, Mode, Pin, Port};
+use wire::message::Pull;
 
 const fn block(port: Port) -> *const RegisterBlock {
     match port {
@@ -53,6 +55,11 @@ pub fn is_set(pin: Pin) -> bool {
 const INPUT: u32 = 0;
 const OUTPUT: u32 = 1;
 const ALTERNATE: u32 = 2;
+
+/// PUPDR values (section 11.4.4).
+const NO_PULL: u32 = 0;
+const PULL_UP: u32 = 1;
+const PULL_DOWN: u32 = 2;
 
 fn set_mode(pin: Pin, mode: u32) {
     registers(pin.port).moder().modify(|r, w| {
@@ -104,6 +111,29 @@ pub fn configure() {
     }
 }
 
+/// What holds an output pin from outside that stands low. It is an input for some 100 us, with the
+/// controller's own pull-up and pull-down, and stands low again afterwards.
+pub fn pull_of(pin: Pin) -> Pull {
+    /// Reads of the pin until it has followed: 100 us at 64 MHz, twenty times 50 kOhm by 100 pF.
+    const READS: u32 = 1_000;
+    set_pull(pin, PULL_UP);
+    set_mode(pin, INPUT);
+    let high_pulled_up = startup::wait_for(READS, || read(pin));
+    set_pull(pin, PULL_DOWN);
+    let high_pulled_down = !startup::wait_for(READS, || !read(pin));
+    set_mode(pin, OUTPUT);
+    set_pull(pin, NO_PULL);
+    Pull::of_levels(high_pulled_up, high_pulled_down)
+}
+
+fn set_pull(pin: Pin, pull: u32) {
+    let shift = pin.number * 2;
+    // SAFETY: the two bits of this pin alone, with a pull of section 11.4.4.
+    registers(pin.port)
+        .pupdr()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << shift) | pull << shift) });
+}
+
 fn configure_pin(pin: Pin) {
     let port = registers(pin.port);
     let shift = pin.number * 2;
@@ -112,15 +142,15 @@ fn configure_pin(pin: Pin) {
         Mode::AsReset => return,
         Mode::Output { high } => {
             write(pin, high);
-            (OUTPUT, false, 1, 0, 0)
+            (OUTPUT, false, 1, NO_PULL, 0)
         }
-        Mode::InputPullDown => (INPUT, false, 0, 2, 0),
-        Mode::Bus => (INPUT, false, 1, 0, 0),
-        Mode::Alternate(function) => (ALTERNATE, false, 2, 0, function),
+        Mode::InputPullDown => (INPUT, false, 0, PULL_DOWN, 0),
+        Mode::Bus => (INPUT, false, 1, NO_PULL, 0),
+        Mode::Alternate(function) => (ALTERNATE, false, 2, NO_PULL, function),
         // Slow edges on purpose: 20 ns are plenty at 400 kHz. Pull-ups are on the board.
         Mode::OpenDrain(function) => {
             write(pin, true);
-            (ALTERNATE, true, 1, 0, function)
+            (ALTERNATE, true, 1, NO_PULL, function)
         }
     };
     // SAFETY: the bit of this pin alone (section 11.4.2).
@@ -130,9 +160,7 @@ fn configure_pin(pin: Pin) {
     // SAFETY: the two bits of this pin alone, with a speed of section 11.4.3.
     port.ospeedr()
         .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << shift) | speed << shift) });
-    // SAFETY: the two bits of this pin alone, with a pull of section 11.4.4.
-    port.pupdr()
-        .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << shift) | pull << shift) });
+    set_pull(pin, pull);
     let nibble = pin.number % 8 * 4;
     let function = u32::from(function) << nibble;
     if pin.number < 8 {

@@ -41,6 +41,13 @@ pub fn revision(dbgmcu: &pac::DBGMCU) -> u16 {
     (dbgmcu.idc().read().bits() >> 16) as u16
 }
 
+/// The controller's own number (section 61.1).
+pub fn unique_id() -> [u32; 3] {
+    const UNIQUE_ID: *const [u32; 3] = 0x1FF1_E800 as *const [u32; 3];
+    // SAFETY: system memory that every part of the family has and nothing writes.
+    unsafe { UNIQUE_ID.read_volatile() }
+}
+
 /// Revision Y can return wrong data from AXI SRAM under some access patterns (ES0392 2.2.9,
 /// "Reading from AXI SRAM may lead to data read corruption"): READ_ISS_OVERRIDE of the SRAM's AXI
 /// target, at 0x5100_8108, prevents it.

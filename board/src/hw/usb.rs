@@ -16,9 +16,9 @@ use super::startup;
 use super::usart::{Consumer, Producer, Queue};
 use super::usb_class::{self, Corrections};
 use crate::clocks;
-use crate::serial_number;
 use crate::shared::Call;
 use core::sync::atomic::AtomicBool;
+use heapless::String;
 use synopsys_usb_otg::{UsbBus, UsbPeripheral};
 use usb_device::bus::UsbBusAllocator;
 use usb_device::class::UsbClass;
@@ -26,6 +26,7 @@ use usb_device::device::{
     StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid,
 };
 use usbd_serial::SerialPort;
+use wire::message::serial_number;
 
 static QUEUE: Queue = Queue::new();
 /// The core has an event.
@@ -70,7 +71,7 @@ pub struct Usb {
 }
 
 /// The queue's end for frames; the link itself where the core answers.
-pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
+pub fn start(supplied: bool, unique_id: [u32; 3]) -> (Option<Usb>, Producer) {
     let producer = QUEUE.stream_producer();
     if !supplied || !core_answers() {
         return (None, producer);
@@ -83,14 +84,17 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
     let Some(bus) = bus else {
         return (None, producer);
     };
-    let Some(serial_number) = serial_number() else {
+    let digits = cortex_m::singleton!(: String<24> = String::new());
+    let Some(digits) = digits else {
         return (None, producer);
     };
+    // One computer may have two boards.
+    *digits = serial_number(unique_id);
     let port = SerialPort::new(bus);
     let strings = StringDescriptors::default()
         .manufacturer("force rig")
         .product("force board")
-        .serial_number(serial_number);
+        .serial_number(digits);
     let builder = UsbDeviceBuilder::new(bus, ID)
         .self_powered(true)
         .strings(&[strings]);
@@ -111,17 +115,6 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
         }),
         producer,
     )
-}
-
-/// The unique number of this controller: one computer may have two boards.
-fn serial_number() -> Option<&'static str> {
-    /// Unique device ID, three words (section 61.1).
-    const UNIQUE_ID: *const [u32; 3] = 0x1FF1_E800 as *const [u32; 3];
-    // SAFETY: system memory that every part of the family has and nothing writes.
-    let unique = unsafe { UNIQUE_ID.read_volatile() };
-    let digits = cortex_m::singleton!(: [u8; serial_number::LENGTH] = [0; serial_number::LENGTH])?;
-    *digits = serial_number::hexadecimal(unique);
-    core::str::from_utf8(digits).ok()
 }
 
 /// Tries with bounded waits what the driver does without bounds: idle bus, soft reset, FIFO flush

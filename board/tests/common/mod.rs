@@ -52,6 +52,8 @@ pub fn info(crash_record: Option<CrashRecord>) -> BoardInfo {
         hse: true,
         reset_flags: 0,
         option_bytes: 0,
+        unique_id: [0; 3],
+        dac_reset_pull: wire::message::Pull::Down,
         crash_record,
     }
 }

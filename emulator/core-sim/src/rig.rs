@@ -107,7 +107,8 @@ impl CoreRig {
     }
 
     fn with_chips(plant: Plant, seed: u64, chips_seed: u64) -> Result<Self, RigError> {
-        let board = Board::new(plant, chips_seed).map_err(RigError::Refused)?;
+        let mut board = Board::new(plant, chips_seed).map_err(RigError::Refused)?;
+        board.set_unique_id(seed);
         Ok(Self {
             superloop: Superloop::new(&board, None),
             board,
@@ -312,7 +313,8 @@ impl CoreRig {
                     self.reset(record);
                 }
             }
-            Injection::BrownOutLevel(_) => {
+            // What the controller finds at its start.
+            Injection::BrownOutLevel(_) | Injection::DacResetPull(_) => {
                 self.board.inject(injection).map_err(RigError::Refused)?;
                 if self.now_ns == 0 {
                     self.reset(None);

@@ -11,7 +11,8 @@ use board::machine::{Effects, Health, LoopFigures, Machine};
 use board::telemetry::Outstanding;
 use control::{AdcCode, DacCode, EncoderCounts, Fault, Micros, UnitIndex, UnitSet, UNITS};
 use emulator::board::Board;
-use wire::message::{BoardInfo, CrashRecord, FaultReport, Response, Status};
+use emulator_link::DacResetPull;
+use wire::message::{BoardInfo, CrashRecord, FaultReport, Pull, Response, Status};
 use wire::{BoardMessage, HostFrame, ABI_VERSION, SCHEMA_HASH};
 
 /// Period of the status frames in milliseconds, as in the firmware.
@@ -86,6 +87,12 @@ impl Superloop {
                 reset_flags: 0,
                 // BOR_LEV is bits 2 and 3.
                 option_bytes: u32::from(board.brown_out_level()) << 2,
+                unique_id: board.unique_id(),
+                dac_reset_pull: match board.dac_reset_pull() {
+                    DacResetPull::Down => Pull::Down,
+                    DacResetPull::None => Pull::None,
+                    DacResetPull::Up => Pull::Up,
+                },
                 crash_record,
             }),
             requests: Requests::default(),

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 9;
+pub const LINK_VERSION: u32 = 10;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -214,6 +214,20 @@ pub enum Injection {
     CutDrdy(u8, bool),
     /// Brown-out level in the option bytes from the next start on, 0 to 3.
     BrownOutLevel(u8),
+    /// What holds DAC_RST while the controller does not drive it.
+    DacResetPull(DacResetPull),
+}
+
+/// What holds DAC_RST while the controller does not drive it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum DacResetPull {
+    /// The pull-down of docs/wiring.md.
+    #[default]
+    Down,
+    /// Nothing: the resistor is missing. The DACs read an open input as high.
+    None,
+    /// A resistor to 3.3 V.
+    Up,
 }
 
 /// Response of the rig.

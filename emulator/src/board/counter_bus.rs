@@ -66,7 +66,7 @@ impl Board {
                 "WR rose while the controller did not drive D0 to D7",
             );
         }
-        let value = (data.seen(wiring::CNT_D0.port) >> 8) as u8;
+        let value = (data.seen(wiring::IDLE[wiring::CNT_D0.port]) >> 8) as u8;
         if control {
             // The latch takes the count of this instant.
             self.advance_plant(t_ns);
@@ -106,8 +106,9 @@ impl Board {
 
     pub(super) fn check_contention(&mut self) {
         let driven = self.ports[wiring::CNT_D0.port].driven & wiring::CNT_DATA;
-        let reading =
-            self.ports[wiring::CNT_RD.port].seen(wiring::CNT_RD.port) & wiring::CNT_RD.bit() == 0;
+        let reading = self.ports[wiring::CNT_RD.port].seen(wiring::IDLE[wiring::CNT_RD.port])
+            & wiring::CNT_RD.bit()
+            == 0;
         if driven != 0 && reading {
             self.complaints.add(
                 "LS7266R1 bus",

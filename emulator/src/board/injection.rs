@@ -4,7 +4,7 @@ use super::{Board, IN_ORDER};
 use crate::devices::ls7266r1::Ls7266r1;
 use crate::devices::Complaints;
 use crate::wiring::{self, UNITS};
-use emulator_link::Injection;
+use emulator_link::{DacResetPull, Injection};
 
 /// Every part at its own place but for two.
 fn exchanged(a: usize, b: usize) -> [usize; UNITS] {
@@ -232,6 +232,10 @@ impl Board {
                 }
                 self.brown_out_level = level;
             }
+            Injection::DacResetPull(pull) => {
+                self.dac_reset_pull = pull;
+                self.show_dac_reset();
+            }
             Injection::HangLoop
             | Injection::FlipBit(..)
             | Injection::LoseClock(_)
@@ -253,6 +257,12 @@ impl Board {
     /// The ST-Link's clock stops, or comes back.
     pub fn set_clock_lost(&mut self, lost: bool) {
         self.clock_lost = lost;
+    }
+
+    /// What holds DAC_RST while the controller does not drive it.
+    #[must_use]
+    pub const fn dac_reset_pull(&self) -> DacResetPull {
+        self.dac_reset_pull
     }
 
     /// Brown-out level in the option bytes.

@@ -29,8 +29,8 @@ use crate::devices::sinc::History;
 use crate::devices::tca9548a::Tca9548a;
 use crate::devices::Complaints;
 use crate::probe::Probe;
-use crate::wiring::{self, Pin, PORTS, UNITS};
-use emulator_link::{Pose, Truth};
+use crate::wiring::{Pin, PORTS, UNITS};
+use emulator_link::{DacResetPull, Pose, Truth};
 use plant::Plant;
 use std::collections::VecDeque;
 
@@ -53,8 +53,9 @@ struct Port {
 }
 
 impl Port {
-    fn seen(self, port: usize) -> u16 {
-        self.driven & self.level | !self.driven & wiring::IDLE[port]
+    /// Levels of a port's lines whose resistors hold them at `idle`.
+    fn seen(self, idle: u16) -> u16 {
+        self.driven & self.level | !self.driven & idle
     }
 }
 
@@ -82,6 +83,13 @@ impl Default for Wired {
             drdy: IN_ORDER,
         }
     }
+}
+
+/// A controller's own number; no two seeds have the same one, and none is zero.
+const fn unique_id(seed: u64) -> [u32; 3] {
+    /// The last word of a real one is of the lot: letters.
+    const LOT: u32 = u32::from_be_bytes(*b"EMUL");
+    [seed as u32, (seed >> 32) as u32, LOT]
 }
 
 /// See the module's page.
@@ -118,6 +126,10 @@ pub struct Board {
     cell_share: [f64; UNITS],
     /// DRDY wires that are open.
     drdy_cut: [bool; UNITS],
+    /// The controller's own number, drawn from the chips' seed.
+    unique_id: [u32; 3],
+    /// What holds DAC_RST while the controller does not drive it.
+    dac_reset_pull: DacResetPull,
     /// Brown-out level in the option bytes.
     brown_out_level: u8,
     /// Rising edges of a DRDY line that are still to be lost.
@@ -190,6 +202,8 @@ impl Board {
             tied: None,
             cell_share: [1.0; UNITS],
             drdy_cut: [false; UNITS],
+            unique_id: unique_id(seed),
+            dac_reset_pull: DacResetPull::Down,
             brown_out_level: 3,
             lose_drdy: [0; UNITS],
             converters: std::array::from_fn(|unit| Nau7802::new(unit as u8 + 1, seed)),
@@ -226,10 +240,23 @@ impl Board {
             complaints: Complaints::default(),
         };
         board.show_estop();
+        board.show_dac_reset();
         board.show_drdy(0);
         board.advance_plant(0);
         board.reschedule();
         Ok(board)
+    }
+
+    /// Gives the controller the number of another seed than that of the chips: one rig has one
+    /// number in all its runs.
+    pub const fn set_unique_id(&mut self, seed: u64) {
+        self.unique_id = unique_id(seed);
+    }
+
+    /// The controller's own number.
+    #[must_use]
+    pub const fn unique_id(&self) -> [u32; 3] {
+        self.unique_id
     }
 
     /// When the board next does something on its own.

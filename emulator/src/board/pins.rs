@@ -4,6 +4,7 @@
 use super::{Board, Drive, Port, RECOVERY_PULSES};
 use crate::devices::dac7731::{Dac7731, Mode};
 use crate::wiring::{self, UNITS};
+use emulator_link::DacResetPull;
 
 impl Board {
     /// What the board changed on the controller's pins since the last call.
@@ -39,13 +40,31 @@ impl Board {
         }
     }
 
+    /// Levels of a port's lines that nothing drives.
+    pub(super) fn idle(&self, port: usize) -> u16 {
+        let high = port == wiring::DAC_RST.port && self.dac_reset_pull != DacResetPull::Down;
+        wiring::IDLE[port] | if high { wiring::DAC_RST.bit() } else { 0 }
+    }
+
+    /// Puts the level of its resistor on DAC_RST. The DACs see it with the next reset of the
+    /// controller.
+    pub(super) fn show_dac_reset(&mut self) {
+        let level = match self.dac_reset_pull {
+            DacResetPull::Down => Some(false),
+            DacResetPull::None => None,
+            DacResetPull::Up => Some(true),
+        };
+        self.pending.push((wiring::DAC_RST, level));
+    }
+
     /// The controller's output stages of `port` are now on for the bits of `driven` with the levels
     /// of `level`. Open-drain outputs that are high count as not driven.
     pub fn port_changed(&mut self, t_ns: u64, port: usize, driven: u16, level: u16) {
-        let before = self.ports[port].seen(port);
+        let idle = self.idle(port);
+        let before = self.ports[port].seen(idle);
         let drove = self.ports[port].driven;
         self.ports[port] = Port { driven, level };
-        let after = self.ports[port].seen(port);
+        let after = self.ports[port].seen(idle);
         let rose = after & !before;
         let fell = before & !after;
         if rose | fell == 0 && drove == driven {

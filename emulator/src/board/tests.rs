@@ -1,7 +1,7 @@
 //! Tests of the board: wiring, injections, complaints.
 
 use super::*;
-use emulator_link::Injection;
+use emulator_link::{DacResetPull, Injection};
 use plant::PlantConfig;
 
 fn board() -> Board {
@@ -167,7 +167,7 @@ fn the_alive_line_and_ldac_reach_the_plant() {
         },
         Some(true),
     );
-    let f = wiring::IDLE[5];
+    let f = wiring::IDLE[5] | wiring::DAC_RST.bit();
     for k in 0..300u64 {
         t = k * 1_000_000;
         board.port_changed(t, 2, alive, if k % 2 == 0 { alive } else { 0 });
@@ -202,7 +202,7 @@ fn a_load_within_a_word_is_a_wrong_torque() {
         },
         Some(true),
     );
-    let f = wiring::IDLE[5];
+    let f = wiring::IDLE[5] | wiring::DAC_RST.bit();
     let load = |board: &mut Board| {
         board.port_changed(0, 5, 0xF000, f & !wiring::DAC_LDAC.bit());
         board.port_changed(0, 5, 0xF000, f);
@@ -212,4 +212,34 @@ fn a_load_within_a_word_is_a_wrong_torque() {
     load(&mut board);
     assert!(board.truth(0).dac_v[0] < -9.0, "{:?}", board.truth(0).dac_v);
     assert!(!board.complaints().is_empty());
+}
+
+/// The resistor of DAC_RST takes the motors to 0 V with the controller's reset; without it an
+/// output stays where it was.
+#[test]
+fn the_pull_down_of_dac_rst_is_what_a_reset_leaves_at_0_v() {
+    for (pull, volts) in [
+        (DacResetPull::Down, 0.0),
+        (DacResetPull::None, 1.015_625),
+        (DacResetPull::Up, 1.015_625),
+    ] {
+        let mut board = board();
+        board.inject(Injection::DacResetPull(pull)).unwrap();
+        let mode = Mode {
+            cpol: true,
+            cpha: true,
+        };
+        board.spi_set(mode, Some(true));
+        let f = wiring::IDLE[5] | wiring::DAC_RST.bit();
+        board.port_changed(0, 5, 0xF000, f);
+        board.port_changed(0, 6, 0x3F, 0x3E);
+        board.spi_frame(0x8D00, 16);
+        board.port_changed(0, 6, 0x3F, 0x3F);
+        board.port_changed(0, 5, 0xF000, f & !wiring::DAC_LDAC.bit());
+        board.port_changed(0, 5, 0xF000, f);
+        assert!((board.truth(0).dac_v[0] - 1.015_625).abs() < 1e-9);
+        board.controller_reset(1_000);
+        let left = board.truth(1_000).dac_v[0];
+        assert!((left - volts).abs() < 1e-9, "{pull:?}: {left} V");
+    }
 }

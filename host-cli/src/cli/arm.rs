@@ -18,10 +18,9 @@ impl Arm {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
         self.connection.require_rig_file(&rig)?;
+        self.connection.require_unchanged(&rig, context)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
-            let seed = client.welcome().seed;
-            self.connection.require_unchanged(&rig, seed, context)?;
             let theirs = rig::Rig::parse(&client.welcome().rig_file, &client.welcome().rig_text)?;
             if theirs.hash() != rig.hash() {
                 return Err(Failure::usage(format!(

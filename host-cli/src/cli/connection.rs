@@ -15,6 +15,7 @@ use rig::{LinkChoice, Rig};
 use run::Zeroing;
 #[cfg(unix)]
 use service::{self, client::ServiceLink, socket, Client};
+use session::link::of_board::OfBoard;
 use session::link::{self, EmbeddedOptions, RigLink};
 use session::Session;
 use std::cell::RefCell;
@@ -53,6 +54,9 @@ pub struct Existing {
     /// Where zeros come from, once the connection is open.
     #[arg(skip)]
     zeroing: RefCell<Zeroing>,
+    /// Number of the board that the rig was tested with, after `require_unchanged`.
+    #[arg(skip)]
+    tested_board: RefCell<Option<String>>,
 }
 
 /// An emulated rig of the command's own.
@@ -201,14 +205,37 @@ impl Existing {
         false
     }
 
-    /// Serial number of the board's USB device, where the link is a port and the system tells it.
-    pub fn device_id(&self, rig: &Rig) -> Option<String> {
-        link::port::device_id(self.choice(rig))
+    /// `tested::require` with this connection's board: a service tells its number now, any other
+    /// link when it is opened. Call it after [`Existing::load`], with the rig file as it was loaded.
+    pub fn require_unchanged(&self, rig: &Rig, context: &Context) -> Result<()> {
+        self.require_with(&New::default(), rig, context)
     }
 
-    /// `tested::require` with this connection's board. `seed`: that of an emulated rig.
-    pub fn require_unchanged(&self, rig: &Rig, seed: Option<u64>, context: &Context) -> Result<()> {
-        tested::require(rig, seed, self.device_id(rig), context)
+    fn require_with(&self, new: &New, rig: &Rig, context: &Context) -> Result<()> {
+        let board = tested::require(rig, self.seed(new, rig), self.board(), context)?;
+        *self.tested_board.borrow_mut() = board;
+        Ok(())
+    }
+
+    /// Number of the board behind the service, where there is one and it has told it.
+    #[cfg(unix)]
+    fn board(&self) -> Option<String> {
+        let client = self.client.borrow();
+        let number = client.as_ref()?.welcome().board.as_ref()?.number()?;
+        Some(number.as_str().to_owned())
+    }
+
+    #[cfg(not(unix))]
+    fn board(&self) -> Option<String> {
+        None
+    }
+
+    /// The link, which has to lead to the board that was tested.
+    fn to_tested_board(&self, link: Box<dyn RigLink>) -> Box<dyn RigLink> {
+        match self.tested_board.borrow().clone() {
+            Some(number) => Box::new(OfBoard::new(link, number)),
+            None => link,
+        }
     }
 
     /// The link: that of `--link`, else that of the rig file.
@@ -316,7 +343,7 @@ impl Existing {
                 Role::Commander => ServiceLink::commander(client),
                 Role::Observer => ServiceLink::observer(client),
             };
-            return Ok(Box::new(link?));
+            return Ok(self.to_tested_board(Box::new(link?)));
         }
         let choice = self.choice(rig);
         let link = link::open(
@@ -338,7 +365,7 @@ impl Existing {
             *self.zeroing.borrow_mut() = Zeroing::Keep(ZeroStore::of_rig(&rig.name));
             context.output.note(&format!("rig: {}", link.name()));
         }
-        Ok(link)
+        Ok(self.to_tested_board(link))
     }
 
     /// Whether a service is meant: that of `--link`, else any. Asks none, for one that hangs has no
@@ -437,20 +464,14 @@ impl Existing {
 }
 
 impl Connection {
-    /// As [`Existing::device_id`].
-    pub fn device_id(&self, rig: &Rig) -> Option<String> {
-        self.at.device_id(rig)
-    }
-
-    /// As [`Existing::require_unchanged`], with the rig file as it was loaded. Call it after
-    /// [`Connection::load`].
+    /// As [`Existing::require_unchanged`].
     pub fn require_unchanged(&self, rig: &Rig, context: &Context) -> Result<()> {
-        self.at.require_unchanged(rig, self.seed(rig), context)
+        self.at.require_with(&self.new, rig, context)
     }
 
     /// The same as a warning.
     pub fn warn_of_changes(&self, rig: &Rig, context: &Context) -> Result<()> {
-        tested::warn(rig, self.seed(rig), self.device_id(rig), context)
+        tested::warn(rig, self.seed(rig), self.at.board(), context)
     }
 
     /// As [`Existing::require_rig_file`].

@@ -175,6 +175,7 @@ impl From<SessionError> for Failure {
             | SessionError::NoBoard { .. }
             | SessionError::Version { .. }
             | SessionError::NoAnswer { .. } => LINK,
+            SessionError::OtherBoard { .. } => USAGE,
             SessionError::Refused { .. }
             | SessionError::Reset { .. }
             | SessionError::Fault(_)

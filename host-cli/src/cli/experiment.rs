@@ -146,11 +146,11 @@ impl Run {
         // A trial on an emulated rig has a seed of its own: another rig, of which nothing is
         // stored.
         let emulated = matches!(link, LinkChoice::Embedded | LinkChoice::Fast);
-        let rig = if emulated {
-            rig
+        let (rig, board) = if emulated {
+            (rig, None)
         } else {
-            tested::require(&rig, None, session::link::port::device_id(&link), context)?;
-            base::with_calibration(rig, None)?
+            let board = tested::require(&rig, None, None, context)?;
+            (base::with_calibration(rig, None)?, board)
         };
         if let Some(words) = base::words(&rig) {
             context.output.note(&words);
@@ -161,6 +161,7 @@ impl Run {
             resume: self.resume,
             zeroing: zeroing(&link, &rig),
             link,
+            board,
             stop: context.interrupt.flag(),
         };
         let mut progress = Progress::new(

@@ -9,7 +9,7 @@ use known::base;
 use serde_json::json;
 use session::{explain_crash_record, explain_fault, motor_state_name, system_state_name};
 use std::fmt::Write as _;
-use wire::message::{BoardInfo, Status as BoardStatus};
+use wire::message::{BoardInfo, Pull, Status as BoardStatus};
 
 /// Arguments of `status`.
 #[derive(Debug, Args)]
@@ -75,6 +75,15 @@ fn table(info: Option<&BoardInfo>, status: &BoardStatus) -> String {
                  the controller is reset, and is not reported; set it (docs/bring-up.md, step 2)",
                 info.option_bytes,
                 BoardInfo::BROWN_OUT_LEVEL
+            );
+        }
+        if let Some(number) = info.number() {
+            row!(out, "board      {number}");
+        }
+        if info.dac_reset_pull != Pull::Down {
+            row!(
+                out,
+                "WARNING    no resistor pulls DAC_RST down: a controller in reset leaves the motors where they were (docs/bring-up.md, step 1)"
             );
         }
         if let Some(kept) = &info.crash_record {

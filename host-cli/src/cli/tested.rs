@@ -7,12 +7,23 @@ use bring_up::record::{self, Identity};
 use known::store::Store;
 use rig::Rig;
 
-/// What has changed since the bring-up of a rig, in words: parts, and settings. Empty: nothing, or
-/// there was none.
-fn changes(rig: &Rig, seed: Option<u64>, board: Option<String>) -> Result<(String, String)> {
+/// What has changed since the bring-up of a rig.
+#[derive(Default)]
+struct Changes {
+    /// Parts that were exchanged, in words; empty: none.
+    parts: String,
+    /// Settings that were changed, in words; empty: none.
+    settings: String,
+    /// Number of the board that was tested, where it is known.
+    board: Option<String>,
+}
+
+/// What has changed since the bring-up of a rig. `board`: the number of its board now, where it is
+/// known already.
+fn changes(rig: &Rig, seed: Option<u64>, board: Option<String>) -> Result<Changes> {
     let store = Store::of_rig(&rig.name, seed)?;
     let Some(record) = record::read(&store)? else {
-        return Ok(Default::default());
+        return Ok(Changes::default());
     };
     let changes = record.identity.changed(&Identity::of(rig, &store, board)?);
     let words = |is_part| {
@@ -21,33 +32,39 @@ fn changes(rig: &Rig, seed: Option<u64>, board: Option<String>) -> Result<(Strin
             .collect::<Vec<_>>()
             .join("; ")
     };
-    Ok((words(true), words(false)))
+    Ok(Changes {
+        parts: words(true),
+        settings: words(false),
+        board: Some(record.identity.board).filter(|number| !number.is_empty()),
+    })
 }
 
 /// Refuses a rig of which a part was exchanged since its bring-up; warns where its rig file has
 /// changed. A rig without a bring-up passes. `rig`: as its file has it, without a calibration.
-/// `seed`: that of an emulated rig. `board`: its serial number.
+/// `seed`: that of an emulated rig. `board`: the number of its board, where it is known already.
+/// The number of the board that was tested: who opens a link has to find it there.
 pub fn require(
     rig: &Rig,
     seed: Option<u64>,
     board: Option<String>,
     context: &Context,
-) -> Result<()> {
-    let (parts, settings) = changes(rig, seed, board)?;
-    if !parts.is_empty() {
+) -> Result<Option<String>> {
+    let changes = changes(rig, seed, board)?;
+    if !changes.parts.is_empty() {
         return Err(Failure::usage(format!(
-            "since the bring-up of this rig {parts}: its wiring is not what was tested; run `forcectl bring-up` again; nothing was driven"
+            "since the bring-up of this rig {}: its wiring is not what was tested; run `forcectl bring-up` again; nothing was driven",
+            changes.parts
         )));
     }
-    warn_of(&settings, context);
-    Ok(())
+    warn_of(&changes.settings, context);
+    Ok(changes.board)
 }
 
 /// The same as a warning only, for a command that drives nothing and stores nothing about the rig.
 pub fn warn(rig: &Rig, seed: Option<u64>, board: Option<String>, context: &Context) -> Result<()> {
-    let (parts, settings) = changes(rig, seed, board)?;
-    warn_of(&parts, context);
-    warn_of(&settings, context);
+    let changes = changes(rig, seed, board)?;
+    warn_of(&changes.parts, context);
+    warn_of(&changes.settings, context);
     Ok(())
 }
 

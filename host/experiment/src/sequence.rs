@@ -11,7 +11,7 @@ use super::trial::{run_trial, Ending, Setup, Shown, Watcher};
 use rig::{LinkChoice, Rig};
 use robot::source::SourceConfig;
 use run::Zeroing;
-use session::link::{fast::FastRig, EmbeddedOptions, RigLink};
+use session::link::{fast::FastRig, of_board::OfBoard, EmbeddedOptions, RigLink};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -67,6 +67,8 @@ pub struct Options {
     pub resume: bool,
     /// Link for a robot that is not virtual.
     pub link: LinkChoice,
+    /// Number of the board that this link has to lead to; `None`: any.
+    pub board: Option<String>,
     /// Where the zeros come from.
     pub zeroing: Zeroing,
     /// Set from outside to end.
@@ -79,6 +81,7 @@ impl Default for Options {
             shard: Shard::default(),
             resume: false,
             link: LinkChoice::Fast,
+            board: None,
             zeroing: Zeroing::Measure,
             stop: Arc::default(),
         }
@@ -326,7 +329,11 @@ impl Sequence<'_> {
                 paced: true,
                 ..EmbeddedOptions::default()
             };
-            return Ok(session::link::open(&self.options.link, &options)?);
+            let link = session::link::open(&self.options.link, &options)?;
+            return Ok(match &self.options.board {
+                Some(number) => Box::new(OfBoard::new(link, number.clone())),
+                None => link,
+            });
         };
         let start = (trial.trajectory.as_ref()).map_or(config.arm.start, |t| t.at(0.0).position);
         let seed = config.seed.unwrap_or(self.experiment.seed);

@@ -32,6 +32,16 @@ pub enum SessionError {
         /// Which side to update, and how.
         advice: String,
     },
+    /// The board is not the one with which the rig was tested.
+    #[error(
+        "since the bring-up of this rig the board was {tested} and is {is}: its wiring is not what was tested; use the rig file of          this board, or run `forcectl bring-up` again; nothing was driven"
+    )]
+    OtherBoard {
+        /// Number of the board that was tested.
+        tested: String,
+        /// Number of this one.
+        is: String,
+    },
     /// The board rejected a command.
     #[error("the board refused `{command}`: {why}")]
     Refused {

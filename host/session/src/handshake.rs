@@ -49,7 +49,7 @@ impl Session<'_> {
         };
         if abi == wire::ABI_VERSION && schema == wire::SCHEMA_HASH {
             self.reset_seen = false;
-            return Ok(());
+            return self.check_board();
         }
         let advice = if abi > wire::ABI_VERSION {
             "the board is newer: update forcectl"
@@ -65,6 +65,22 @@ impl Session<'_> {
             own_schema: wire::SCHEMA_HASH,
             advice: advice.to_owned(),
         })
+    }
+
+    /// Refuses another board than the one that the link has to lead to. A board without a number
+    /// (the embedded rig's) is not told apart.
+    fn check_board(&self) -> Result<(), SessionError> {
+        let is = self
+            .info
+            .as_ref()
+            .and_then(wire::message::BoardInfo::number);
+        match (self.link.board(), is) {
+            (Some(tested), Some(is)) if tested != is.as_str() => Err(SessionError::OtherBoard {
+                tested: tested.to_owned(),
+                is: is.as_str().to_owned(),
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Why no board answered, by what was received.

@@ -1,6 +1,6 @@
 //! Faults that can be injected into the embedded rig, as text of the command line: `unplug=3@2s`.
 
-use emulator_link::{Injection, UNITS};
+use emulator_link::{DacResetPull, Injection, UNITS};
 
 macro_rules! words {
     () => {
@@ -11,7 +11,8 @@ macro_rules! words {
          exchange-motors=UNIT:UNIT, exchange-cells=UNIT:UNIT, exchange-drdy=UNIT:UNIT, pull-out=UNIT:MM, \
          exchange-channels=UNIT:UNIT, tie-selects=UNIT:UNIT, open-ldac=UNIT, cut-drdy=UNIT, cell-share=UNIT:SHARE, \
          cell-noise=UNIT:V/V, bypass-relay=UNIT, bridge-relay, invert-relay, open-alive, bridge-estop, \
-         bridge-estop-at-plc, invert-estop, hang, usb-out, usb-in, \
+         bridge-estop-at-plc, invert-estop, brown-out-level=LEVEL, dac-reset-pull=none|up|down, \
+         lose-clock, hang, usb-out, usb-in, \
          usb-suspend, usb-resume (a rig started with --usb)"
     };
 }
@@ -149,6 +150,18 @@ fn read(what: &str, wrong: &dyn Fn(&str) -> String) -> Result<Injection, String>
         "bridge-estop" => Injection::BridgeEStop(true),
         "bridge-estop-at-plc" => Injection::BridgeEStopAtPlc(true),
         "invert-estop" => Injection::InvertEStop(true),
+        "brown-out-level" => Injection::BrownOutLevel(
+            (argument.parse().ok())
+                .filter(|level| *level <= 3)
+                .ok_or_else(|| wrong("a level of 0 to 3 is needed"))?,
+        ),
+        "dac-reset-pull" => Injection::DacResetPull(match argument {
+            "none" => DacResetPull::None,
+            "up" => DacResetPull::Up,
+            "down" => DacResetPull::Down,
+            _ => return Err(wrong("none, up or down is needed")),
+        }),
+        "lose-clock" => Injection::LoseClock(true),
         "hang" => Injection::HangLoop,
         "usb-out" => Injection::PlugUsb(false),
         "usb-in" => Injection::PlugUsb(true),
@@ -210,6 +223,11 @@ pub fn describe(injection: &Injection) -> Option<String> {
         Injection::BridgeEStop(true) => "bridge-estop".to_owned(),
         Injection::BridgeEStopAtPlc(true) => "bridge-estop-at-plc".to_owned(),
         Injection::InvertEStop(true) => "invert-estop".to_owned(),
+        Injection::BrownOutLevel(level) => format!("brown-out-level={level}"),
+        Injection::DacResetPull(pull) => {
+            format!("dac-reset-pull={}", format!("{pull:?}").to_lowercase())
+        }
+        Injection::LoseClock(true) => "lose-clock".to_owned(),
         // These have no word: they are for tests.
         _ => return None,
     })
@@ -308,6 +326,10 @@ mod tests {
             "bridge-estop",
             "bridge-estop-at-plc",
             "invert-estop",
+            "brown-out-level=0",
+            "dac-reset-pull=none",
+            "dac-reset-pull=up",
+            "lose-clock",
         ] {
             let (_, injection) = parse(&format!("{words}@start")).unwrap();
             assert_eq!(describe(&injection).as_deref(), Some(words));
@@ -327,6 +349,8 @@ mod tests {
             "encoder-lines=2:0@1s",
             "pull-out=1:nan@1s",
             "amplifier-share=1:9@1s",
+            "brown-out-level=4@start",
+            "dac-reset-pull=left@start",
             "@",
             "=@=",
         ] {

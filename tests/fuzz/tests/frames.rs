@@ -84,6 +84,8 @@ fn machine() -> Machine {
         hse: true,
         reset_flags: 0,
         option_bytes: 0,
+        unique_id: [0; 3],
+        dac_reset_pull: wire::message::Pull::Down,
         crash_record: None,
     })
 }

@@ -7,6 +7,7 @@
 pub mod embedded;
 pub mod fake;
 pub mod fast;
+pub mod of_board;
 pub mod port;
 
 use emulator_link::{Advanced, Injection, Pose, Report, Truth};
@@ -61,6 +62,11 @@ pub trait RigLink {
     /// Who stopped the rig last while this link was open, where the link is told: a service is, a
     /// port is not.
     fn stopped_by(&self) -> Option<&str> {
+        None
+    }
+
+    /// Number of the board that this link has to lead to; `None`: any.
+    fn board(&self) -> Option<&str> {
         None
     }
 

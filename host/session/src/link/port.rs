@@ -1,7 +1,6 @@
 //! A real board on a serial port: the ST-Link's virtual COM port, or USB CDC.
 
 use super::{Exchange, LinkError, RigLink};
-use rig::LinkChoice;
 use serialport::{SerialPort, SerialPortType};
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
@@ -31,33 +30,6 @@ pub fn of_boards() -> Vec<String> {
         })
         .map(|port| port.port_name)
         .collect()
-}
-
-/// Identity of the USB device behind a link: its serial number, that of the controller for the
-/// board's own port (CN13) and that of the ST-LINK for its virtual COM port. `None` where the link
-/// is no port, the port is not USB's, or the system does not tell.
-#[must_use]
-pub fn device_id(link: &LinkChoice) -> Option<String> {
-    let wanted = match link {
-        LinkChoice::Serial(path) => {
-            Some(std::fs::canonicalize(path).unwrap_or_else(|_| path.into()))
-        }
-        LinkChoice::Usb => None,
-        LinkChoice::Embedded | LinkChoice::Fast | LinkChoice::Kept(_) => return None,
-    };
-    let ports = serialport::available_ports().unwrap_or_default();
-    let mut found = ports.into_iter().filter_map(|port| match port.port_type {
-        SerialPortType::UsbPort(usb) => {
-            let is_it = match &wanted {
-                Some(path) => *path == std::path::Path::new(&port.port_name),
-                None => (usb.vid, usb.pid) == USB_ID,
-            };
-            let number = usb.serial_number.filter(|number| !number.is_empty());
-            is_it.then_some(number)
-        }
-        _ => None,
-    });
-    found.next().flatten()
 }
 
 /// An open port.

@@ -4,7 +4,7 @@ use super::{Behavior, FakeBoard, MS};
 use control::unit::Setpoint;
 use control::{Config, Fault, MotorState, State, SystemState};
 use wire::message::{
-    BoardInfo, CommandError, FaultReport, Reply, Response, Status, UnitConfig, UnitSetpoint,
+    BoardInfo, CommandError, FaultReport, Pull, Reply, Response, Status, UnitConfig, UnitSetpoint,
     UnitStatus,
 };
 use wire::{BoardFrame, BoardMessage, Command, HostFrame, UNITS};
@@ -122,6 +122,8 @@ impl FakeBoard {
             hse: true,
             reset_flags: 0,
             option_bytes: 3 << 2,
+            unique_id: [0; 3],
+            dac_reset_pull: Pull::Down,
             crash_record: (self.resets > 0).then(|| wire::message::CrashRecord {
                 code: Fault::WatchdogReset.code(),
                 detail: 0,
