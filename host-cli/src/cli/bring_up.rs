@@ -18,6 +18,7 @@ use session::{Session, PERIOD};
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
+use wire::message::BoardInfo;
 use wire::UNITS;
 
 /// Below the help of the command.
@@ -32,10 +33,12 @@ Tests, in their order:
               amplifiers' lamps are lit, also with the E-stop pressed
   motors      pulses of 12 ms that the board ends by itself, from 0.3 N up, until an encoder or a load cell answers; at most
               1.3 N blind. Only with an E-stop that was seen to work
+  tension     you fix the cables' ends: each cable is wound in slowly, loaded with about 1 N, and shaken by a chirp of 1 to
+              12 Hz: friction, gain and delay of its drive. Only where no test before has found a mistake
 
 What was measured is kept in the rig's record, in the folder of its calibration. The same command goes on with what is not done
 yet, and repeats what found a mistake. On an emulated rig of the command's own it does by itself what you would do.
-`arm`, `hold`, `set-force` and `identify` refuse a rig of which a part was exchanged since.
+Commands that drive the rig or store something about it refuse one of which a part was exchanged since, its board included.
 
 Exit codes:
   0  every test is done, and none found a mistake
@@ -53,7 +56,7 @@ pub struct BringUp {
     /// Test this unit only; repeatable
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=UNITS as i64))]
     unit: Vec<u8>,
-    /// Repeat the tests from this one on: board, converters, estop, reels, weights, power or motors
+    /// Repeat the tests from this one on: board, converters, estop, reels, weights, power, motors or tension
     #[arg(long, value_name = "TEST")]
     from: Option<Test>,
     /// Forget what was measured before, and begin anew
@@ -123,14 +126,9 @@ impl BringUp {
         }
         self.connection.require_rig_file(&rig)?;
         let store = Store::of_rig(&rig.name, self.connection.seed(&rig))?;
-        let identity = Identity::of(&rig, &store, self.connection.device_id(&rig))?;
         let units = self.units(&rig)?;
-        let mut record = self.record(&rig, &store, identity, context)?;
+        let of_file = rig.clone();
         let rig = self.connection.calibrated(rig, context)?;
-        let next = match self.from {
-            Some(from) => Test::ALL.into_iter().filter(|test| *test >= from).collect(),
-            None => record.next(&units),
-        };
         let stop = context.interrupt.flag();
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
@@ -140,6 +138,14 @@ impl BringUp {
             }
         }
         let mut session = Session::connect(link.as_mut())?;
+        let board = session.info().and_then(BoardInfo::number);
+        let board = board.map(|number| number.as_str().to_owned());
+        let identity = Identity::of(&of_file, &store, board)?;
+        let mut record = self.record(&of_file, &store, identity, context)?;
+        let next = match self.from {
+            Some(from) => Test::ALL.into_iter().filter(|test| *test >= from).collect(),
+            None => record.next(&units),
+        };
         let plan = Plan {
             units: units.clone(),
             pull_mm: self.pull,

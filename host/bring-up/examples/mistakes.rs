@@ -50,7 +50,7 @@ fn table(title: &str, cases: &[Case], seeds: u64, good: &dyn Fn(&Case, &Run) -> 
         let mut of_case = All::default();
         for slack_mm in SLACK_MM {
             for seed in 1..=seeds {
-                let run = run(200.0, &case.injections, slack_mm, seed);
+                let run = run(200.0, case, slack_mm, seed);
                 let good = good(case, &run);
                 if !good {
                     eprintln!("{} ({slack_mm} mm, seed {seed}):{}", case.what, told(&run));
@@ -85,11 +85,7 @@ fn main() {
         }
     };
     let only = arguments.next().unwrap_or_default();
-    let right = Case {
-        what: "none",
-        injections: vec![],
-        is_right: |_| false,
-    };
+    let right = Case::of("none", &[]);
     let chosen = |mut cases: Vec<Case>| {
         cases.retain(|case| case.what.contains(&only));
         cases
@@ -98,7 +94,7 @@ fn main() {
     let pairs = chosen(pairs());
     table("mistake", &singles, seeds, &|case, run| {
         if case.what == "none" {
-            run.found.is_empty() && run.figures.motors.iter().all(Option::is_some)
+            run.found.is_empty() && run.figures.tension.iter().all(Option::is_some)
         } else {
             is_named(case, run)
         }

@@ -2,6 +2,7 @@
 //! and not yet calibrated.
 
 use serde::{Deserialize, Serialize};
+use wire::message::Pull;
 use wire::UNITS;
 
 /// Everything that was measured so far. A test that has not run is `None`.
@@ -11,7 +12,7 @@ pub struct Figures {
     /// What the board says of itself.
     pub board: Option<BoardFigures>,
     /// The converters at rest.
-    pub converters: Option<[ConverterFigures; UNITS]>,
+    pub converters: [Option<ConverterFigures>; UNITS],
     /// The E-stop, pressed and released.
     pub estop: Option<EStopFigures>,
     /// The amplifiers' power, with the alive line unplugged and with the E-stop pressed.
@@ -22,6 +23,8 @@ pub struct Figures {
     pub weights: [Option<WeightFigures>; UNITS],
     /// Pulses of the motors, one after the other.
     pub motors: [Option<MotorFigures>; UNITS],
+    /// Cables that were taken up and loaded, one after the other.
+    pub tension: [Option<TensionFigures>; UNITS],
 }
 
 /// What the board says of itself.
@@ -33,6 +36,8 @@ pub struct BoardFigures {
     pub hse: bool,
     /// Brown-out level of the option bytes, 0 to 3.
     pub brown_out_level: u8,
+    /// What holds DAC_RST while the controller does not drive it.
+    pub dac_reset_pull: Pull,
     /// Latched fault of the whole board; 0: none.
     pub fault: u16,
 }
@@ -40,8 +45,6 @@ pub struct BoardFigures {
 /// A converter at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct ConverterFigures {
-    /// Whether the rig file uses the unit.
-    pub enabled: bool,
     /// Latched fault of the unit, and its detail; 0: none.
     pub fault: u16,
     /// See [`Self::fault`].
@@ -66,7 +69,7 @@ impl ConverterFigures {
     /// Whether the unit measures.
     #[must_use]
     pub fn works(&self) -> bool {
-        self.enabled && self.fault == 0 && self.samples > 0
+        self.fault == 0 && self.samples > 0
     }
 }
 
@@ -92,6 +95,10 @@ pub struct PowerFigures {
     pub lit_pressed: Option<bool>,
     /// They showed power while the alive line was unplugged.
     pub lit_unplugged: Option<bool>,
+    /// The board's own loop of the E-stop was closed while the button was pressed.
+    pub closed_pressed: Option<bool>,
+    /// It was closed after the release.
+    pub closed_released: Option<bool>,
     /// Pulses while the alive line was unplugged: nothing may move.
     pub unplugged: [Option<MotorFigures>; UNITS],
 }
@@ -137,4 +144,46 @@ pub struct PulseFigures {
     pub travel_m: [f64; UNITS],
     /// Strongest change of each load cell, N.
     pub cell_n: [f64; UNITS],
+}
+
+/// A cable that was taken up at limited speed, loaded slowly, and loaded by a chirp.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct TensionFigures {
+    /// Cable that was wound in until it was tight, m.
+    pub wound_m: f64,
+    /// Whether it was loose at first.
+    pub loose: bool,
+    /// Whether it got tight.
+    pub tight: bool,
+    /// Fastest winding in on the way, m/s, over four samples.
+    pub fastest_m_per_s: f64,
+    /// Largest reading of the load cell, N.
+    pub most_n: f64,
+    /// How the reading follows the command; `None`: the cable was not loaded enough.
+    pub line: Option<LoadLine>,
+    /// Delay from the DAC's word to the load cell's code, s, as a chirp shows it.
+    pub delay_s: Option<f64>,
+    /// Why the board did not drive it, where it did not.
+    pub refused: Option<String>,
+    /// Fault of the board or of a unit that ended it; 0: none.
+    pub fault: u16,
+}
+
+/// How the tension follows a command that winds in: tension = gain x (command - idle command).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LoadLine {
+    /// Command that turns the reel slowly while its cable is slack, N.
+    pub idle_n: f64,
+    /// Command at the end of the load, N.
+    pub command_n: f64,
+    /// Reading of the load cell there, N.
+    pub reading_n: f64,
+}
+
+impl LoadLine {
+    /// Tension per commanded force above that of the idle reel.
+    #[must_use]
+    pub fn gain(&self) -> f64 {
+        self.reading_n / (self.command_n - self.idle_n)
+    }
 }

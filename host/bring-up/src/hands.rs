@@ -5,9 +5,12 @@ use emulator_link::Injection;
 use session::{Session, SessionError, PERIOD};
 use std::fmt;
 use std::time::Duration;
+use wire::UNITS;
 
 /// Speed of an emulated hand, mm/s.
 const HAND_MM_PER_S: f64 = 50.0;
+/// Cable that an emulated hand lays loose, mm: with the cables as tight as pulses leave them.
+const LOOSE_MM: f64 = 3.0;
 /// Time until an emulated rig is at rest again after a hand, s.
 const REST_S: f64 = 0.5;
 
@@ -52,6 +55,15 @@ pub enum Action {
     PlugAlive,
     /// Keep hands, tools and hair away from the reels: motors will move.
     StandBack,
+    /// Fix the cables' ends, and stand back.
+    HoldEnds,
+    /// Turn the reel back until a cable that was taken up hangs loosely.
+    Loosen {
+        /// Unit.
+        unit: u8,
+        /// How far it was wound in, mm.
+        mm: f64,
+    },
 }
 
 impl fmt::Display for Action {
@@ -84,6 +96,14 @@ impl fmt::Display for Action {
             Self::StandBack => write!(
                 f,
                 "The motors get short pulses now, unit by unit. All cables hang loosely; keep hands away from the reels and one hand at the E-stop."
+            ),
+            Self::HoldEnds => write!(
+                f,
+                "Each cable is wound in slowly now, and pulls its end with about 1 N. Fix the ends (at the robot that stands, or at a hook), lay all cables loose, keep hands away from the reels and one hand at the E-stop."
+            ),
+            Self::Loosen { unit, mm } => write!(
+                f,
+                "Unit {unit}: turn the reel back by hand by about {mm:.0} mm, until the cable hangs loosely."
             ),
         }
     }
@@ -127,14 +147,30 @@ pub fn emulated(action: &Action, session: &mut Session<'_>) -> Result<Answer, Br
         Action::UnplugAlive => (Injection::UnplugAlive(true), 0.0),
         Action::PlugAlive => (Injection::UnplugAlive(false), 0.0),
         Action::LookAtPower => return look_at_power(session),
+        Action::Loosen { unit, mm } => (Injection::PullOut(unit, mm), mm / HAND_MM_PER_S),
+        Action::HoldEnds => {
+            for unit in 1..=UNITS as u8 {
+                inject(session, Injection::PullOut(unit, LOOSE_MM))?;
+            }
+            return Ok(pass(session, LOOSE_MM / HAND_MM_PER_S)?);
+        }
         Action::StandBack => return Ok(Answer::Done),
     };
+    inject(session, injection)?;
+    Ok(pass(session, seconds)?)
+}
+
+fn inject(session: &mut Session<'_>, injection: Injection) -> Result<(), BringUpError> {
     let Some(controls) = session.link().controls() else {
         return Err(BringUpError::Question(
             "nobody is there to do it: this rig is no emulated one of the command's own, and --yes waits for nobody".to_owned(),
         ));
     };
-    controls.inject(injection).map_err(SessionError::from)?;
+    Ok(controls.inject(injection).map_err(SessionError::from)?)
+}
+
+/// Lets the time of a hand pass, and of the rig to come to rest.
+fn pass(session: &mut Session<'_>, seconds: f64) -> Result<Answer, SessionError> {
     let end_ns = session.now_ns() + Duration::from_secs_f64(seconds + REST_S).as_nanos() as u64;
     while session.now_ns() < end_ns {
         session.exchange(PERIOD)?;

@@ -11,6 +11,7 @@
 //! | [`mistake`] | the mistakes, in words, with what to do |
 //! | [`steps`] | the tests on a session with the board |
 //! | [`pulse`] | the motor test: short pulses that the board ends by itself, and their bounds |
+//! | [`tension`] | the test of a cable under tension, and its bounds |
 //! | [`hands`] | what a person does meanwhile, or the emulated rig in his place |
 //! | [`record`] | the record of a rig: results, identities, and what has changed since |
 
@@ -21,6 +22,7 @@ pub mod mistake;
 pub mod pulse;
 pub mod record;
 pub mod steps;
+pub mod tension;
 mod window;
 
 use session::SessionError;

@@ -12,6 +12,7 @@ use std::fmt;
 pub enum Mistake {
     NoClock,
     BrownOutLevel { level: u8 },
+    DacResetPull { up: bool },
     BoardFault { fault: u16 },
     ConverterSilent { unit: u8, fault: u16, detail: u32 },
     DrdyDead { unit: u8 },
@@ -46,6 +47,10 @@ pub enum Mistake {
     AmplifierGain { unit: u8, ratio: f64 },
     SelectsTied { motor: u8, units: Vec<u8> },
     NotDriven { unit: u8, why: String },
+    NotLoose { unit: u8 },
+    NotTight { unit: u8, wound_mm: f64 },
+    Friction { unit: u8, ratio: f64 },
+    Delay { unit: u8, ms: f64 },
 }
 
 /// How sure a name is.
@@ -85,7 +90,10 @@ impl Mistake {
     #[must_use]
     pub fn test(&self) -> Test {
         match self {
-            Self::NoClock | Self::BrownOutLevel { .. } | Self::BoardFault { .. } => Test::Board,
+            Self::NoClock
+            | Self::BrownOutLevel { .. }
+            | Self::DacResetPull { .. }
+            | Self::BoardFault { .. } => Test::Board,
             Self::ConverterSilent { .. }
             | Self::DrdyDead { .. }
             | Self::DrdyExchanged { .. }
@@ -117,6 +125,10 @@ impl Mistake {
             | Self::AmplifierGain { .. }
             | Self::SelectsTied { .. }
             | Self::NotDriven { .. } => Test::Motors,
+            Self::NotLoose { .. }
+            | Self::NotTight { .. }
+            | Self::Friction { .. }
+            | Self::Delay { .. } => Test::Tension,
         }
     }
 
@@ -126,6 +138,9 @@ impl Mistake {
         match self {
             Self::NoClock => "check the ST-Link's clock output (solder bridges SB3 and SB4 of the Nucleo) and its supply".into(),
             Self::BrownOutLevel { .. } => "set BOR_LEV = 3 in the option bytes (docs/bring-up.md)".into(),
+            Self::DacResetPull { .. } => {
+                "fit 4.7 kOhm from DAC_RST (PF15) to ground (docs/wiring.md): without it a controller in reset leaves the motors where they were".into()
+            }
             Self::BoardFault { fault } => format!("`forcectl explain {fault}` says what to do; then `forcectl clear`"),
             Self::ConverterSilent { unit, .. } => {
                 format!("check the plug of converter {unit}: 3.3 V, ground, SDA and SCL of multiplexer channel {}", unit - 1)
@@ -178,6 +193,17 @@ impl Mistake {
             }
             Self::SelectsTied { .. } => "check the DACs' CS and LDAC wires for a bridge".into(),
             Self::NotDriven { .. } => "remove that cause and run the test again".into(),
+            Self::NotLoose { unit } => format!("lay cable {unit} loose and run the test again"),
+            Self::NotTight { unit, .. } => format!("check that cable {unit} is on its reel and held at its end, then lay it loose and run the test again"),
+            Self::Friction { unit, ratio } if *ratio > 1.0 => {
+                format!("check that cable {unit}, its reel and its gear run freely; else correct coulomb_n in the rig file (`forcectl identify` measures it)")
+            }
+            Self::Friction { unit, .. } => {
+                format!("check that reel {unit} is fast on its shaft; else correct coulomb_n in the rig file (`forcectl identify` measures it)")
+            }
+            Self::Delay { unit, .. } => {
+                format!("check amplifier {unit} for a filter or a slow mode; of all units: the converters latch their result when the pointer is written (docs/bring-up.md, step 8)")
+            }
         }
     }
 }
@@ -191,6 +217,12 @@ impl fmt::Display for Mistake {
             ),
             Self::BrownOutLevel { level } => {
                 write!(f, "the brown-out level is {level} and has to be 3")
+            }
+            Self::DacResetPull { up: false } => {
+                write!(f, "nothing holds DAC_RST low while the controller is in reset: its pull-down is missing")
+            }
+            Self::DacResetPull { up: true } => {
+                write!(f, "DAC_RST is pulled up, not down: it is high while the controller is in reset")
             }
             Self::BoardFault { fault } => write!(f, "fault {fault} of the board is latched"),
             Self::ConverterSilent {
@@ -323,6 +355,19 @@ impl fmt::Display for Mistake {
             Self::NotDriven { unit, why } => {
                 write!(f, "unit {unit}: the board did not drive the motor: {why}")
             }
+            Self::NotLoose { unit } => write!(f, "unit {unit}: the cable was not loose"),
+            Self::NotTight { unit, wound_mm } => write!(
+                f,
+                "unit {unit}: {wound_mm:.0} mm of cable were wound in, and it did not get tight"
+            ),
+            Self::Friction { unit, ratio } => write!(
+                f,
+                "unit {unit}: the friction is about {ratio:.1} times the rig file's"
+            ),
+            Self::Delay { unit, ms } => write!(
+                f,
+                "unit {unit}: the tension follows the command {ms:.0} ms later than a rig in order"
+            ),
         }
     }
 }

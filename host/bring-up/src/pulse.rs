@@ -52,7 +52,7 @@ pub const TIGHT_N: f64 = 0.5;
 /// of 15 means of four codes is within 3.2 of theirs, 1.6 of these, in 98 % of the pulses.
 const NOISE_SDS: f64 = 3.0;
 /// Setpoint that closes the loop before the pulse, N: its start is then not part of the pulse.
-const CLOSE_N: f64 = 1e-3;
+pub(crate) const CLOSE_N: f64 = 1e-3;
 /// For how long that is valid, ms: longer than the samples that it waits for, so that the pulse
 /// follows in time.
 const CLOSE_MS: u16 = 60;
@@ -98,16 +98,33 @@ pub fn configs(
     })
 }
 
+/// A board whose units are driven one at a time.
+pub(crate) struct Drive<'a, 's> {
+    pub session: &'a mut Session<'s>,
+    pub rig: &'a Rig,
+    /// Units that measure.
+    pub works: [bool; UNITS],
+    /// Codes of the slack cables.
+    pub zero_code: [i32; UNITS],
+    /// Ends the test.
+    pub stop: &'a AtomicBool,
+}
+
 /// Gives a motor pulses of at most `most_n` N, which is [`BLIND_N`] or [`SEEN_N`]. Everything is at
 /// 0 V before and after.
 pub(crate) fn test(
-    session: &mut Session<'_>,
-    rig: &Rig,
-    works: [bool; UNITS],
-    zero_code: [i32; UNITS],
-    (unit, most_n): (usize, f64),
-    stop: &AtomicBool,
+    drive: &mut Drive<'_, '_>,
+    unit: usize,
+    most_n: f64,
 ) -> Result<MotorFigures, BringUpError> {
+    let Drive {
+        session,
+        rig,
+        works,
+        zero_code,
+        stop,
+    } = drive;
+    let (rig, works, zero_code) = (*rig, *works, *zero_code);
     let mut figures = MotorFigures {
         pulses: Vec::new(),
         refused: None,
@@ -164,7 +181,7 @@ fn force(pulse: &PulseFigures) -> f64 {
     pulse.cell_n.iter().fold(0.0, |most, n| n.abs().max(most))
 }
 
-fn setpoints(unit: usize, command_n: f64) -> [UnitSetpoint; UNITS] {
+pub(crate) fn setpoints(unit: usize, command_n: f64) -> [UnitSetpoint; UNITS] {
     std::array::from_fn(|i| UnitSetpoint {
         tension_un: if i == unit {
             (command_n * 1e6).round() as i32

@@ -1,11 +1,11 @@
 //! The record of a rig's bring-up: a JSON file beside its calibration, and what has changed since.
 //!
 //! ```json
-//! {"schema": 1, "rig": "...", "identity": {"board": "...", "rig_hash": "...", "serials": [...]},
-//!  "tests": {"reels": {"date": "2026-11-26", "units": [1, 2, 3, 4, 5, 6]}}, "figures": {...}, "mistakes": [...]}
+//! {"schema": 2, "rig": "...", "identity": {"board": "...", "rig_hash": "...", "serials": [...]},
+//!  "tests": {"reels": {"1": "2026-11-26", "2": "2026-11-26"}}, "figures": {...}, "mistakes": [...]}
 //! ```
 
-use crate::figures::{EStopFigures, Figures};
+use crate::figures::{EStopFigures, Figures, PowerFigures};
 use crate::judge::judge;
 use crate::mistake::{Mistake, Named};
 use crate::steps::Test;
@@ -20,12 +20,12 @@ use std::path::PathBuf;
 use wire::UNITS;
 
 /// Version of the keys.
-pub const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 2;
 
 /// What a bring-up is of. Empty: not known.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Identity {
-    /// Serial number of the board's USB device.
+    /// The controller's own number (`wire::message::BoardInfo::number`).
     pub board: String,
     /// Hash of the rig file.
     pub rig_hash: String,
@@ -122,14 +122,8 @@ pub struct Change {
     pub words: String,
 }
 
-/// When a test was done, and with which units.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Done {
-    /// Date, `YYYY-MM-DD`.
-    pub date: String,
-    /// Units, from 1, that it measured.
-    pub units: Vec<u8>,
-}
+/// When a test was done with each unit, from 1: the date, `YYYY-MM-DD`.
+pub type Done = BTreeMap<u8, String>;
 
 /// The record of a rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -174,30 +168,31 @@ impl Record {
         }
     }
 
-    /// Takes note of what a test has measured, and judges all.
+    /// Takes note of what a test has measured, and judges all. A unit that it did not measure keeps
+    /// the date of before.
     pub fn took(&mut self, rig: &Rig, test: Test, units: &[usize], date: &str) {
-        let measured = |i: &usize| match test {
-            Test::Board => self.figures.board.is_some(),
-            Test::Converters => self.figures.converters.is_some(),
-            Test::Estop => self.figures.estop.is_some(),
+        let figures = &self.figures;
+        let measured = |i: usize| match test {
+            Test::Board => figures.board.is_some(),
+            Test::Converters => figures.converters[i].is_some(),
+            Test::Estop => figures.estop.is_some(),
             Test::Power => {
-                (self.figures.power.as_ref()).is_some_and(|power| power.unplugged[*i].is_some())
+                (figures.power.as_ref()).is_some_and(|power| power.unplugged[i].is_some())
             }
-            Test::Reels => self.figures.pulls[*i].is_some(),
-            Test::Weights => self.figures.weights[*i].is_some(),
-            Test::Motors => self.figures.motors[*i].is_some(),
+            Test::Reels => figures.pulls[i].is_some(),
+            Test::Weights => figures.weights[i].is_some(),
+            Test::Motors => figures.motors[i].is_some(),
+            Test::Tension => figures.tension[i].is_some(),
         };
-        let mut done: Vec<u8> = (units.iter().filter(|i| measured(i)))
-            .map(|i| *i as u8 + 1)
-            .collect();
-        if let Some(before) = self.tests.get(&test) {
-            done.extend(&before.units);
-        }
-        done.sort_unstable();
-        done.dedup();
-        if !done.is_empty() {
-            let date = date.to_owned();
-            self.tests.insert(test, Done { date, units: done });
+        let of_all = [0, 1, 2, 3, 4, 5];
+        let units = if test.is_of_the_board() {
+            &of_all
+        } else {
+            units
+        };
+        let done = self.tests.entry(test).or_default();
+        for unit in units.iter().filter(|i| measured(**i)) {
+            done.insert(*unit as u8 + 1, date.to_owned());
         }
         self.mistakes = judge(rig, &self.figures);
     }
@@ -206,11 +201,9 @@ impl Record {
     #[must_use]
     pub fn open(&self, units: &[usize]) -> Vec<Test> {
         let done = |test: &Test| {
-            self.tests.get(test).is_some_and(|done| {
-                units
-                    .iter()
-                    .all(|unit| done.units.contains(&(*unit as u8 + 1)))
-            })
+            self.tests
+                .get(test)
+                .is_some_and(|done| units.iter().all(|i| done.contains_key(&(*i as u8 + 1))))
         };
         Test::ALL.into_iter().filter(|test| !done(test)).collect()
     }
@@ -235,34 +228,47 @@ impl Record {
         let figures = &mut self.figures;
         match test {
             Test::Board => figures.board = None,
-            Test::Converters => figures.converters = None,
+            Test::Converters => units.iter().for_each(|i| figures.converters[*i] = None),
             Test::Estop => figures.estop = None,
+            // The lamps are looked at anew, whichever units follow.
             Test::Power => {
-                if let Some(power) = &mut figures.power {
-                    units.iter().for_each(|i| power.unplugged[*i] = None);
-                }
+                let mut unplugged = figures.power.take().unwrap_or_default().unplugged;
+                units.iter().for_each(|i| unplugged[*i] = None);
+                figures.power = Some(PowerFigures {
+                    unplugged,
+                    ..PowerFigures::default()
+                });
             }
             Test::Reels => units.iter().for_each(|i| figures.pulls[*i] = None),
             Test::Weights => units.iter().for_each(|i| figures.weights[*i] = None),
             Test::Motors => units.iter().for_each(|i| figures.motors[*i] = None),
+            Test::Tension => units.iter().for_each(|i| figures.tension[*i] = None),
         }
         if let Some(done) = self.tests.get_mut(&test) {
-            done.units
-                .retain(|unit| !units.contains(&(usize::from(*unit) - 1)));
+            done.retain(|unit, _| {
+                !test.is_of_the_board() && !units.contains(&(usize::from(*unit) - 1))
+            });
         }
     }
 
-    /// Whether a test may drive motors: only with an E-stop that was seen to work, and `motors`
-    /// only where nothing says that the power can't be cut.
+    /// Whether a test may drive motors: only with an E-stop that was seen to work, `motors` and
+    /// `tension` only where nothing says that the power can't be cut, and `tension` only with parts
+    /// that are in order.
     ///
     /// # Errors
     /// Why not.
     pub fn may_drive(&self, test: Test) -> std::result::Result<(), String> {
-        let uncut = self.mistakes.iter().find(|named| {
-            let of_power = named.mistake.test() == Test::Power;
-            of_power && named.mistake != Mistake::NoPower
-        });
-        if let (Test::Motors, Some(named)) = (test, uncut) {
+        let against = |named: &&Named| match named.mistake.test() {
+            Test::Power => test != Test::Power && named.mistake != Mistake::NoPower,
+            Test::Estop => test != Test::Power,
+            // What pulses can't tell from friction, this test does.
+            Test::Motors => {
+                test == Test::Tension && !matches!(named.mistake, Mistake::AmplifierGain { .. })
+            }
+            Test::Converters | Test::Reels | Test::Weights => test == Test::Tension,
+            Test::Board | Test::Tension => false,
+        };
+        if let Some(named) = self.mistakes.iter().find(against) {
             return Err(format!("{}: no motor is driven", named.mistake));
         }
         let works = |estop: &EStopFigures| !estop.closed_pressed && estop.closed_released;
@@ -332,7 +338,6 @@ pub fn write(store: &Store, record: &Record) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figures::PowerFigures;
 
     fn identity() -> Identity {
         let mut identity = Identity {
@@ -410,7 +415,7 @@ mod tests {
         assert!(may_drive(&record).unwrap_err().contains("does not work"));
         record.took(&rig, Test::Estop, &units, "2026-11-26");
         assert_eq!(record.verdict(&units), Verdict::Failed);
-        assert_eq!(record.open(&units).len(), 6);
+        assert_eq!(record.open(&units).len(), 7);
         assert_eq!(record.next(&units), Test::ALL);
         write(&store, &record).unwrap();
         assert_eq!(read(&store).unwrap(), Some(record));

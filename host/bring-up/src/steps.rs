@@ -4,8 +4,9 @@ use crate::figures::{
     BoardFigures, ConverterFigures, EStopFigures, Figures, MotorFigures, PullFigures, WeightFigures,
 };
 use crate::hands::{Action, Answer, Hands};
+use crate::pulse::{self, Drive};
 use crate::window::{scales, Rest, Window};
-use crate::{pulse, BringUpError};
+use crate::BringUpError;
 use control::{Fault, MotorState, SystemState};
 use rig::Rig;
 use serde::{Deserialize, Serialize};
@@ -13,7 +14,7 @@ use session::{Patience, Session, SessionError, PERIOD};
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use wire::message::{BoardConfig, Status, UnitConfig};
+use wire::message::{BoardConfig, BoardInfo, Pull, Status, UnitConfig};
 use wire::{Command, UNITS};
 
 mod power;
@@ -47,11 +48,13 @@ pub enum Test {
     Power,
     /// Pulses of the motors.
     Motors,
+    /// Cables that are taken up and loaded.
+    Tension,
 }
 
 impl Test {
     /// All, in their order.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Board,
         Self::Converters,
         Self::Estop,
@@ -59,6 +62,7 @@ impl Test {
         Self::Weights,
         Self::Power,
         Self::Motors,
+        Self::Tension,
     ];
 
     /// Its name on the command line.
@@ -72,13 +76,20 @@ impl Test {
             Self::Weights => "weights",
             Self::Power => "power",
             Self::Motors => "motors",
+            Self::Tension => "tension",
         }
+    }
+
+    /// Whether it measures the board and none of its units.
+    #[must_use]
+    pub const fn is_of_the_board(self) -> bool {
+        matches!(self, Self::Board | Self::Estop)
     }
 
     /// Whether it drives motors.
     #[must_use]
     pub const fn drives(self) -> bool {
-        matches!(self, Self::Power | Self::Motors)
+        matches!(self, Self::Power | Self::Motors | Self::Tension)
     }
 }
 
@@ -164,7 +175,7 @@ impl<'a, 's> Bench<'a, 's> {
     pub fn run(&mut self, test: Test, figures: &mut Figures) -> Result<(), BringUpError> {
         match test {
             Test::Board => figures.board = Some(self.board()?),
-            Test::Converters => figures.converters = Some(self.converters()?),
+            Test::Converters => self.converters(&mut figures.converters)?,
             Test::Estop => figures.estop = self.estop()?,
             Test::Reels => {
                 for unit in self.measuring()? {
@@ -180,6 +191,7 @@ impl<'a, 's> Bench<'a, 's> {
             }
             Test::Power => self.power(figures)?,
             Test::Motors => self.motors(figures)?,
+            Test::Tension => self.tension(figures)?,
         }
         Ok(())
     }
@@ -258,20 +270,23 @@ impl<'a, 's> Bench<'a, 's> {
         Ok(BoardFigures {
             firmware: info.map_or_else(String::new, |info| info.version.to_string()),
             hse: info.is_some_and(|info| info.hse),
-            brown_out_level: info.map_or(0, wire::message::BoardInfo::brown_out_level),
+            brown_out_level: info.map_or(0, BoardInfo::brown_out_level),
+            dac_reset_pull: info.map_or(Pull::None, |info| info.dac_reset_pull),
             fault: status.fault,
         })
     }
 
-    fn converters(&mut self) -> Result<[ConverterFigures; UNITS], BringUpError> {
+    fn converters(
+        &mut self,
+        figures: &mut [Option<ConverterFigures>; UNITS],
+    ) -> Result<(), BringUpError> {
         let before = self.clear()?;
         let window = Window::over(self.session, WATCH)?;
         let after = self.session.get_status()?;
         let scale = scales(self.rig);
-        let mut found: [ConverterFigures; UNITS] = std::array::from_fn(|i| {
+        for i in self.enabled() {
             let (was, is) = (&before.units[i], &after.units[i]);
-            ConverterFigures {
-                enabled: self.configs[i].enabled,
+            figures[i] = Some(ConverterFigures {
                 fault: is.fault,
                 fault_detail: is.fault_detail,
                 samples: window.samples(i) as u32,
@@ -281,16 +296,16 @@ impl<'a, 's> Bench<'a, 's> {
                 code: window.mean_code(i).unwrap_or(0.0),
                 noise_n: window.code_sd(i) * scale[i].abs(),
                 silenced: [false; UNITS],
-            }
-        });
+            });
+        }
         // One whose DRDY is another's may be at fault for its rate by now; it is started again for
         // this.
         for unit in self.enabled() {
-            if found[unit].samples > 0 {
-                found[unit].silenced = self.restart(unit)?;
+            if let Some(found) = figures[unit].as_mut().filter(|found| found.samples > 0) {
+                found.silenced = self.restart(unit)?;
             }
         }
-        Ok(found)
+        Ok(())
     }
 
     /// Starts a unit's converter anew: for half a second it gives no DRDY. The units that miss it.
@@ -397,11 +412,42 @@ impl<'a, 's> Bench<'a, 's> {
         self.pulses(pulse::SEEN_N, &mut figures.motors)
     }
 
+    fn tension(&mut self, figures: &mut Figures) -> Result<(), BringUpError> {
+        if self.act(Action::HoldEnds)? == Answer::Skip {
+            return Ok(());
+        }
+        self.drive_each("tension", |hands, drive, unit| {
+            if figures.motors[unit].is_none() {
+                hands.say("its motor was not tested: its cable is not loaded");
+                return Ok(());
+            }
+            let found = crate::tension::test(drive, unit)?;
+            let mm = 1e3 * found.wound_m.max(0.0);
+            figures.tension[unit] = Some(found);
+            let number = unit as u8 + 1;
+            let action = Action::Loosen { unit: number, mm };
+            hands.act(&action, drive.session).map(drop)
+        })
+    }
+
     /// Pulses of each unit, of at most `most_n`.
     fn pulses(
         &mut self,
         most_n: f64,
         figures: &mut [Option<MotorFigures>; UNITS],
+    ) -> Result<(), BringUpError> {
+        self.drive_each("pulses", |_, drive, unit| {
+            figures[unit] = Some(pulse::test(drive, unit, most_n)?);
+            Ok(())
+        })
+    }
+
+    /// Lets `test` drive one unit after the other of those that work. Everything is at 0 V
+    /// afterwards, whatever came, and the rig file's configuration is in force again.
+    fn drive_each(
+        &mut self,
+        what: &str,
+        mut test: impl FnMut(&mut dyn Hands, &mut Drive<'_, 's>, usize) -> Result<(), BringUpError>,
     ) -> Result<(), BringUpError> {
         let status = self.clear()?;
         let works = works(&status);
@@ -413,24 +459,19 @@ impl<'a, 's> Bench<'a, 's> {
         self.settled(SETTLE)?;
         let mut ended = Ok(());
         for unit in self.enabled().into_iter().filter(|unit| works[*unit]) {
-            self.hands.say(&format!("unit {}: pulses", unit + 1));
-            match pulse::test(
-                self.session,
-                self.rig,
+            self.hands.say(&format!("unit {}: {what}", unit + 1));
+            let mut drive = Drive {
+                session: &mut *self.session,
+                rig: self.rig,
                 works,
                 zero_code,
-                (unit, most_n),
-                self.plan.stop,
-            ) {
-                Ok(found) => figures[unit] = Some(found),
-                Err(error) => {
-                    ended = Err(error);
-                    break;
-                }
+                stop: self.plan.stop,
+            };
+            ended = test(&mut *self.hands, &mut drive, unit);
+            if ended.is_err() {
+                self.session.make_safe();
+                break;
             }
-        }
-        if ended.is_err() {
-            self.session.make_safe();
         }
         let restored = self.session.configure(&self.configs);
         ended.and(restored.map_err(BringUpError::from))

@@ -90,7 +90,7 @@ impl Window {
     }
 }
 
-fn mean(codes: &[f64]) -> Option<f64> {
+pub(crate) fn mean(codes: &[f64]) -> Option<f64> {
     (!codes.is_empty()).then(|| codes.iter().sum::<f64>() / codes.len() as f64)
 }
 

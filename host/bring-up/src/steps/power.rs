@@ -10,45 +10,73 @@ use crate::figures::{Figures, PowerFigures};
 use crate::hands::{Action, Answer};
 use crate::{pulse, BringUpError};
 
+/// How often a person is asked to press the E-stop whose loop stays closed.
+const ATTEMPTS: usize = 3;
+
 impl Bench<'_, '_> {
     pub(super) fn power(&mut self, figures: &mut Figures) -> Result<(), BringUpError> {
+        // What an earlier run has seen of the lamps counts no more; pulses of other units do.
+        let unplugged = figures.power.take().unwrap_or_default().unplugged;
+        let power = figures.power.insert(PowerFigures {
+            unplugged,
+            ..PowerFigures::default()
+        });
+        for unit in &self.plan.units {
+            power.unplugged[*unit] = None;
+        }
         self.clear()?;
         self.settled(SETTLE)?;
-        let lit_ready = self.look()?;
-        // The plug is handled while the E-stop is pressed.
-        if self.act(Action::PressEStop)? == Answer::Skip {
-            return Ok(());
+        power.lit_ready = self.look()?;
+        // The plug is handled while the E-stop is pressed, and only if the board sees that it is.
+        power.closed_pressed = self.press()?;
+        if power.closed_pressed != Some(false) {
+            return self.release().map(drop);
         }
-        let lit_pressed = self.look()?;
+        power.lit_pressed = self.look()?;
         if self.act(Action::UnplugAlive)? == Answer::Skip {
-            return self.release();
+            return self.release().map(drop);
         }
-        self.release()?;
-        let lit_unplugged = self.look()?;
-        let power = figures.power.insert(PowerFigures {
-            lit_ready,
-            lit_pressed,
-            lit_unplugged,
-            unplugged: Default::default(),
-        });
+        power.closed_released = Some(self.release()?);
+        power.lit_unplugged = self.look()?;
         let pulsed = match self.act(Action::StandBack)? {
             Answer::Skip => Ok(()),
             _ => self.pulses(pulse::BLIND_N, &mut power.unplugged),
         };
         // Also after pulses that failed: the line does not stay unplugged without a word. Not
         // with the E-stop released: the amplifiers would get their power with a hand at the plug.
-        while self.act(Action::PressEStop)? == Answer::Skip {}
+        while self.press()? != Some(false) {
+            self.hands
+                .say("the alive line is still unplugged; plug it in with the E-stop pressed only");
+        }
         self.act(Action::PlugAlive)?;
         self.release()?;
         pulsed
     }
 
-    /// Releases the E-stop, and waits until the board has given the power.
-    fn release(&mut self) -> Result<(), BringUpError> {
+    /// Has the E-stop pressed. Whether the board's loop is still closed; `None`: it was left out.
+    fn press(&mut self) -> Result<Option<bool>, BringUpError> {
+        let mut closed = None;
+        for _ in 0..ATTEMPTS {
+            if self.act(Action::PressEStop)? == Answer::Skip {
+                return Ok(closed);
+            }
+            closed = Some(self.closed()?);
+            if closed == Some(false) {
+                break;
+            }
+            self.hands.say("the board sees its E-stop loop closed");
+        }
+        Ok(closed)
+    }
+
+    /// Has the E-stop released, and waits until the board has given the power. Whether its loop is
+    /// closed.
+    fn release(&mut self) -> Result<bool, BringUpError> {
         self.act(Action::ReleaseEStop)?;
+        let closed = self.closed()?;
         self.clear()?;
         self.settled(SETTLE)?;
-        Ok(())
+        Ok(closed)
     }
 
     fn look(&mut self) -> Result<Option<bool>, BringUpError> {

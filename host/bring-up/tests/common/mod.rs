@@ -3,12 +3,13 @@
 
 use bring_up::figures::Figures;
 use bring_up::hands::{emulated, Action, Answer, Hands};
-use bring_up::mistake::{Mistake, Named};
+use bring_up::mistake::{Mistake, Named, Sure};
 use bring_up::record::{Identity, Record};
 use bring_up::steps::{Bench, Plan, Test};
 use bring_up::BringUpError;
 use core_sim::Options;
-use emulator_link::Injection;
+use emulator_link::{DacResetPull, Injection};
+use plant::effects::{CommandDelay, Coulomb, Effect};
 use plant::PlantConfig;
 use rig::Rig;
 use session::link::fast::FastRig;
@@ -92,8 +93,12 @@ pub struct Run {
     pub seconds: [f64; Test::ALL.len()],
 }
 
-pub fn run(pull_mm: f64, injections: &[Injection], slack_mm: f64, seed: u64) -> Run {
-    let mut plant = PlantConfig::default();
+/// All tests of a rig with a case's mistake, as the command runs them.
+pub fn run(pull_mm: f64, case: &Case, slack_mm: f64, seed: u64) -> Run {
+    let mut plant = PlantConfig {
+        effects: case.effects.clone(),
+        ..PlantConfig::default()
+    };
     plant.cable.initial_slack_m = 1e-3 * slack_mm;
     let options = Options {
         seed,
@@ -107,7 +112,7 @@ pub fn run(pull_mm: f64, injections: &[Injection], slack_mm: f64, seed: u64) -> 
         pulse_ms: [0; UNITS],
         longest_ms: 0,
     };
-    for injection in injections {
+    for injection in &case.injections {
         link.rig.controls().unwrap().inject(*injection).unwrap();
     }
     let rig = Rig::built_in().unwrap();
@@ -127,6 +132,7 @@ pub fn run(pull_mm: f64, injections: &[Injection], slack_mm: f64, seed: u64) -> 
             continue;
         }
         link.most_n = 0.0;
+        let longest_ms = link.longest_ms;
         let mut session = Session::connect(&mut link).unwrap();
         let mut hands = Emulated;
         let mut bench = Bench::new(&mut session, &rig, &plan, &mut hands).unwrap();
@@ -136,6 +142,10 @@ pub fn run(pull_mm: f64, injections: &[Injection], slack_mm: f64, seed: u64) -> 
         record.took(&rig, test, &plan.units, "2026-11-26");
         if test.drives() {
             most_n = most_n.max(link.most_n);
+        }
+        // No pulse, but seconds.
+        if test == Test::Tension {
+            link.longest_ms = longest_ms;
         }
     }
     Run {
@@ -148,16 +158,52 @@ pub fn run(pull_mm: f64, injections: &[Injection], slack_mm: f64, seed: u64) -> 
     }
 }
 
-/// A mistake as injections, and whether a name is the right one.
+/// A mistake as injections or as effects of the plant, and whether a name is the right one.
+#[derive(Clone)]
 pub struct Case {
     pub what: &'static str,
     pub injections: Vec<Injection>,
+    pub effects: Vec<Effect>,
     pub is_right: fn(&Mistake) -> bool,
+}
+
+impl Case {
+    /// Injections without a name to be found.
+    pub fn of(what: &'static str, injections: &[Injection]) -> Self {
+        Self {
+            what,
+            injections: injections.to_vec(),
+            effects: Vec::new(),
+            is_right: |_| false,
+        }
+    }
+
+    /// The same with effects of the plant.
+    fn with(self, effects: Vec<Effect>) -> Self {
+        Self { effects, ..self }
+    }
+}
+
+/// Friction beside that of the rig at a unit, from 1, N.
+fn friction(unit: usize, constant_n: f64) -> Effect {
+    Effect::Coulomb(Coulomb {
+        units: vec![unit - 1],
+        constant_n,
+        per_load: 0.0,
+    })
+}
+
+/// Dead time of a unit's drive, from 1, s.
+fn delay(unit: usize, delay_s: f64) -> Effect {
+    Effect::CommandDelay(CommandDelay {
+        units: vec![unit - 1],
+        delay_s,
+    })
 }
 
 macro_rules! case {
     ($what:literal, [$($injection:expr),*], $($right:pat_param)|+ $(if $guard:expr)?) => {
-        Case { what: $what, injections: vec![$($injection),*], is_right: |m| matches!(m, $($right)|+ $(if $guard)?) }
+        Case { what: $what, injections: vec![$($injection),*], effects: Vec::new(), is_right: |m| matches!(m, $($right)|+ $(if $guard)?) }
     };
 }
 
@@ -351,6 +397,16 @@ pub fn cases() -> Vec<Case> {
             M::NoClock
         ),
         case!(
+            "no pull-down at DAC_RST",
+            [I::DacResetPull(DacResetPull::None)],
+            M::DacResetPull { up: false }
+        ),
+        case!(
+            "DAC_RST pulled to 3.3 V",
+            [I::DacResetPull(DacResetPull::Up)],
+            M::DacResetPull { up: true }
+        ),
+        case!(
             "brown-out level 0",
             [I::BrownOutLevel(0)],
             M::BrownOutLevel { level: 0 }
@@ -360,6 +416,14 @@ pub fn cases() -> Vec<Case> {
             [I::FreezeEncoder(3, true), I::FreezeEncoder(4, true)],
             M::CounterDead { chip: 2 }
         ),
+        case!("friction of unit 2 0.45 N too high", [], M::Friction { unit: 2, ratio } if *ratio > 1.4)
+            .with(vec![friction(2, 0.45)]),
+        case!("friction of unit 5 0.5 N too low", [], M::Friction { unit: 5, ratio } if *ratio < 0.7)
+            .with(vec![friction(5, -0.5)]),
+        case!("drive 3 10 ms late", [], M::Delay { unit: 3, ms } if (*ms - 10.0).abs() < 3.0)
+            .with(vec![delay(3, 0.010)]),
+        case!("drive 6 5 ms late", [], M::Delay { unit: 6, ms } if (*ms - 5.0).abs() < 2.0)
+            .with(vec![delay(6, 0.005)]),
         case!("reel 4 a tenth too large", [I::EncoderLines(4, 900)], M::EncoderScale { unit: 4, ratio } if *ratio < 0.95),
     ]
 }
@@ -431,9 +495,9 @@ pub fn one_is_named(case: &Case, run: &Run) -> bool {
 
 /// The right name is the first one, and nothing else is called certain beside it.
 pub fn is_named(case: &Case, run: &Run) -> bool {
-    run.found
-        .first()
-        .is_some_and(|named| (case.is_right)(&named.mistake))
+    let is_right = |named: &Named| (case.is_right)(&named.mistake);
+    let certain = (run.found.iter()).filter(|named| named.sure == Sure::Certain);
+    run.found.first().is_some_and(is_right) && certain.filter(|named| !is_right(named)).count() == 0
 }
 
 pub fn told(run: &Run) -> String {

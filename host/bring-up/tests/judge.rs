@@ -1,0 +1,154 @@
+//! What figures say, and what a record keeps of them: without a rig.
+
+use bring_up::figures::{ConverterFigures, Figures, MotorFigures, PowerFigures, PulseFigures};
+use bring_up::judge::judge;
+use bring_up::mistake::{Mistake, Sure};
+use bring_up::record::{Identity, Record, Verdict};
+use bring_up::steps::Test;
+use rig::Rig;
+use wire::UNITS;
+
+fn names(figures: &Figures) -> Vec<(Mistake, Sure)> {
+    let found = judge(&Rig::built_in().unwrap(), figures);
+    found.into_iter().map(|n| (n.mistake, n.sure)).collect()
+}
+
+/// Pulses of a unit, from 0, that turned its reel, or did not.
+fn pulses(unit: usize, moved: bool) -> MotorFigures {
+    let mut travel_m = [0.0; UNITS];
+    travel_m[unit] = if moved { 1e-4 } else { 0.0 };
+    MotorFigures {
+        pulses: vec![PulseFigures {
+            command_n: 1.0,
+            travel_m,
+            cell_n: [0.0; UNITS],
+        }],
+        refused: None,
+        fault: 0,
+    }
+}
+
+/// With the alive line unplugged: units, from 0, whose pulses turned the reel, or did not.
+fn unplugged(units: &[(usize, bool)], lit: Option<bool>) -> Figures {
+    let mut power = PowerFigures {
+        lit_unplugged: lit,
+        ..PowerFigures::default()
+    };
+    for (unit, moved) in units {
+        power.unplugged[*unit] = Some(pulses(*unit, *moved));
+    }
+    Figures {
+        power: Some(power),
+        ..Figures::default()
+    }
+}
+
+#[test]
+fn one_unit_that_moves_without_power_does_not_say_how_many_do() {
+    let bypassed = Mistake::RelayBypassed { units: vec![3] };
+    let bridged = Mistake::RelayBridged;
+    assert_eq!(
+        names(&unplugged(&[(2, true)], None)),
+        [
+            (bypassed.clone(), Sure::Likely),
+            (bridged.clone(), Sure::Likely)
+        ]
+    );
+    // The lamp of the relay tells.
+    let dark = names(&unplugged(&[(2, true)], Some(false)));
+    assert_eq!(dark, [(bypassed.clone(), Sure::Certain)]);
+    let lit = names(&unplugged(&[(2, true)], Some(true)));
+    assert_eq!(lit, [(bridged.clone(), Sure::Certain)]);
+    // So does another unit.
+    let one_of_two = names(&unplugged(&[(2, true), (4, false)], None));
+    assert_eq!(one_of_two, [(bypassed, Sure::Certain)]);
+    let both = names(&unplugged(&[(2, true), (4, true)], None));
+    assert_eq!(both, [(bridged, Sure::Certain)]);
+    assert_eq!(names(&unplugged(&[(2, false)], None)), []);
+}
+
+#[test]
+fn what_the_board_sees_of_the_e_stop_while_the_power_is_tested_is_judged() {
+    let of = |closed_pressed, closed_released| Figures {
+        power: Some(PowerFigures {
+            closed_pressed,
+            closed_released,
+            ..PowerFigures::default()
+        }),
+        ..Figures::default()
+    };
+    assert_eq!(names(&of(Some(false), Some(true))), []);
+    assert_eq!(names(&of(None, None)), []);
+    let closed = names(&of(Some(true), None));
+    assert_eq!(closed, [(Mistake::EStopNotRead, Sure::Certain)]);
+    let open = names(&of(Some(false), Some(false)));
+    assert_eq!(open, [(Mistake::EStopOpen, Sure::Certain)]);
+    // Neither lets a motor be driven.
+    let rig = Rig::built_in().unwrap();
+    let mut record = Record::new(&rig, Identity::default());
+    record.figures = of(Some(true), None);
+    record.took(&rig, Test::Power, &[0], "2026-11-26");
+    for test in [Test::Motors, Test::Tension] {
+        let why = record.may_drive(test).unwrap_err();
+        assert!(why.contains("the E-stop is not read"), "{why}");
+    }
+}
+
+#[test]
+fn a_test_that_is_left_out_keeps_the_date_of_before_and_no_figure_that_is_to_be_measured_anew() {
+    let rig = Rig::built_in().unwrap();
+    let mut record = Record::new(&rig, Identity::default());
+    record.figures = unplugged(&[(1, false), (2, false)], Some(false));
+    record.took(&rig, Test::Power, &[1, 2], "2026-11-20");
+    // Unit 3 is tested again, and left out.
+    record.forget(Test::Power, &[2]);
+    let power = record.figures.power.clone().unwrap();
+    assert_eq!(power.lit_unplugged, None);
+    assert!(power.unplugged[1].is_some() && power.unplugged[2].is_none());
+    record.took(&rig, Test::Power, &[2], "2026-11-26");
+    let done = &record.tests[&Test::Power];
+    let dates: Vec<_> = done.iter().map(|(unit, date)| (*unit, &**date)).collect();
+    assert_eq!(dates, [(2, "2026-11-20")]);
+    assert!(!record.open(&[1]).contains(&Test::Power));
+    assert!(record.open(&[2]).contains(&Test::Power));
+}
+
+#[test]
+fn a_test_of_one_unit_leaves_what_was_found_of_the_others() {
+    let rig = Rig::built_in().unwrap();
+    let mut record = Record::new(&rig, Identity::default());
+    let all: Vec<usize> = (0..UNITS).collect();
+    let sound = ConverterFigures {
+        samples: 640,
+        seconds: 2.0,
+        ..ConverterFigures::default()
+    };
+    let mut silenced = [false; UNITS];
+    silenced[4] = true;
+    record.figures.converters = [Some(sound); UNITS];
+    record.figures.converters[0] = Some(ConverterFigures { silenced, ..sound });
+    silenced = [false; UNITS];
+    silenced[0] = true;
+    record.figures.converters[4] = Some(ConverterFigures { silenced, ..sound });
+    record.took(&rig, Test::Converters, &all, "2026-11-26");
+    let found = record.mistakes.clone();
+    assert_eq!(
+        found[0].mistake,
+        Mistake::DrdyExchanged { units: vec![1, 5] }
+    );
+    record.forget(Test::Converters, &[2]);
+    record.figures.converters[2] = Some(sound);
+    record.took(&rig, Test::Converters, &[2], "2026-11-26");
+    assert_eq!(record.mistakes, found);
+    assert_eq!(record.verdict(&[2]), Verdict::Failed);
+    // The E-stop is the board's: it is open for every unit as soon as it is forgotten.
+    record.tests.insert(
+        Test::Estop,
+        all.iter()
+            .map(|unit| (*unit as u8 + 1, "2026-11-20".to_owned()))
+            .collect(),
+    );
+    assert!(!record.open(&[0]).contains(&Test::Estop));
+    record.forget(Test::Estop, &[2]);
+    assert!(record.open(&[0]).contains(&Test::Estop));
+}
