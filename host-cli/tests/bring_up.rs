@@ -1,6 +1,9 @@
 //! `forcectl bring-up` on the rig without an emulated controller, and what its record does to
 //! commands that drive.
 
+#[cfg(unix)]
+#[path = "common/board.rs"]
+mod board;
 mod common;
 
 use common::{expect, folder, run};
@@ -161,22 +164,74 @@ fn an_experiment_with_a_rig_of_which_a_part_was_exchanged_does_not_begin() {
     };
     serials("M-1");
     // What a bring-up leaves behind, of this rig.
-    let store = walk(&folder.path().join("state"))
-        .into_iter()
-        .find(|path| path.ends_with("current.json") || path.extension().is_some())
-        .and_then(|path| path.parent().map(Path::to_path_buf))
-        .expect("a store");
-    let mut serial_numbers = vec![[""; 4]; 6];
+    let mut serial_numbers = [[""; 4]; 6];
     serial_numbers[1][1] = "M-1";
-    let record = serde_json::json!({"schema": 1, "rig": "raven-left-example", "tests": {}, "figures": {}, "mistakes": [],
-        "identity": {"board": "", "rig_hash": "", "serials": serial_numbers}});
-    std::fs::write(store.join("bring-up.json"), record.to_string()).unwrap();
+    leave_record(folder.path(), "", serial_numbers);
     let experiment = "experiment run --quick --link serial:no-such-port --out day";
     let what = "the motor of unit 2 was M-1 and is M-2";
     let said = run(folder.path(), experiment);
     assert!(!said.err.contains("since the bring-up"), "{said:?}");
     serials("M-2");
     expect(folder.path(), experiment, 2, &[what, "nothing was driven"]);
+}
+
+/// What a bring-up leaves behind, in the store that there is.
+fn leave_record(folder: &Path, board: &str, serials: [[&str; 4]; 6]) {
+    let store = walk(&folder.join("state"))
+        .into_iter()
+        .find(|path| path.ends_with("current.json") || path.extension().is_some())
+        .and_then(|path| path.parent().map(Path::to_path_buf))
+        .expect("a store");
+    let record = serde_json::json!({"schema": 2, "rig": "raven-left-example", "tests": {}, "figures": {}, "mistakes": [],
+        "identity": {"board": board, "rig_hash": "", "serials": serials}});
+    std::fs::write(store.join("bring-up.json"), record.to_string()).unwrap();
+}
+
+/// Two rigs whose rig files were exchanged: the file's record names the other rig's board.
+#[cfg(unix)]
+#[test]
+fn a_rig_file_of_another_board_drives_nothing() {
+    let folder = folder();
+    let text = expect(folder.path(), "check --print", 0, &[]).out;
+    std::fs::write(folder.path().join("my.toml"), text).unwrap();
+    let board = board::Board::start(3);
+    let at = format!("--rig my.toml --link serial:{}", board.port);
+    let status = expect(folder.path(), &format!("status {at} --direct"), 0, &[]).out;
+    let number = status
+        .lines()
+        .find_map(|line| line.strip_prefix("board "))
+        .expect("the board's number")
+        .trim();
+    expect(
+        folder.path(),
+        &format!("calibrate serials {at} --unit 2 --motor M-1 --replace"),
+        0,
+        &[],
+    );
+    let other = "003100253039510D34313737";
+    leave_record(folder.path(), &other, [[""; 4]; 6]);
+    let what = format!("the board was {other} and is {number}");
+    for command in [
+        "zero --direct",
+        "hold --direct --duration 1",
+        "identify --direct --out found",
+        "calibrate zero --direct --yes",
+        "calibrate gain --direct --yes",
+        "calibrate push --direct",
+        "set-force 0 1 0 --direct --duration 1 --still",
+        // These go through the service that the first one starts.
+        "arm",
+        "zero",
+    ] {
+        let line = format!("{command} {at}");
+        expect(folder.path(), &line, 2, &[&what, "nothing was driven"]);
+    }
+    let status = expect(folder.path(), &format!("status {at} --json"), 0, &[]).out;
+    let status: Value = serde_json::from_str(&status).unwrap();
+    assert_eq!(status["state"], "boot", "nothing was configured: {status}");
+    // The right board is used.
+    leave_record(folder.path(), number, [[""; 4]; 6]);
+    expect(folder.path(), &format!("zero {at}"), 0, &["zero code"]);
 }
 
 /// Files of a folder and of those in it.

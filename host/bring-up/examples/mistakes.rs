@@ -43,21 +43,40 @@ impl All {
     }
 }
 
+/// A case with every slack on the rigs of all seeds, on all processors: runs, slacks, seeds.
+fn runs(case: &Case, seeds: u64) -> Vec<(Run, f64, u64)> {
+    let all: Vec<(f64, u64)> = SLACK_MM
+        .into_iter()
+        .flat_map(|slack_mm| (1..=seeds).map(move |seed| (slack_mm, seed)))
+        .collect();
+    let jobs = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        let run_some = |some: &[(f64, u64)]| -> Vec<(Run, f64, u64)> {
+            (some.iter())
+                .map(|(slack_mm, seed)| (run(200.0, case, *slack_mm, *seed), *slack_mm, *seed))
+                .collect()
+        };
+        let threads: Vec<_> = all
+            .chunks(all.len().div_ceil(jobs))
+            .map(|some| scope.spawn(move || run_some(some)))
+            .collect();
+        let ended = threads.into_iter().map(|thread| thread.join());
+        ended.flat_map(|done| done.expect("no run panics")).collect()
+    })
+}
+
 fn table(title: &str, cases: &[Case], seeds: u64, good: &dyn Fn(&Case, &Run) -> bool) {
     println!("| {title} | named | largest true tension, N |\n| --- | --- | --- |");
     let mut all = All::default();
     for case in cases {
         let mut of_case = All::default();
-        for slack_mm in SLACK_MM {
-            for seed in 1..=seeds {
-                let run = run(200.0, case, slack_mm, seed);
-                let good = good(case, &run);
-                if !good {
-                    eprintln!("{} ({slack_mm} mm, seed {seed}):{}", case.what, told(&run));
-                }
-                of_case.take(&run, good);
-                all.take(&run, good);
+        for (run, slack_mm, seed) in runs(case, seeds) {
+            let good = good(case, &run);
+            if !good {
+                eprintln!("{} ({slack_mm} mm, seed {seed}):{}", case.what, told(&run));
             }
+            of_case.take(&run, good);
+            all.take(&run, good);
         }
         of_case.row(case.what);
     }

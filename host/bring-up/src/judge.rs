@@ -721,11 +721,14 @@ fn tension(rig: &Rig, figures: &Figures, found: &mut Vec<Named>) {
                 "taking the cable up ended with this fault",
             ));
         } else if !tension.tight {
-            let wound_mm = 1e3 * tension.wound_m;
-            found.push(certain(
-                Mistake::NotTight { unit, wound_mm },
-                format!("the load cell read {:.2} N at most", tension.most_n),
-            ));
+            // Pulses may have said that the command is too weak for the friction.
+            if !found.iter().any(|named| is_weak(&named.mistake, unit)) {
+                let wound_mm = 1e3 * tension.wound_m;
+                found.push(certain(
+                    Mistake::NotTight { unit, wound_mm },
+                    format!("the load cell read {:.2} N at most", tension.most_n),
+                ));
+            }
         } else if !tension.loose {
             found.push(certain(
                 Mistake::NotLoose { unit },
@@ -747,11 +750,15 @@ fn tension(rig: &Rig, figures: &Figures, found: &mut Vec<Named>) {
     }
 }
 
+/// Whether a unit's amplifier gives too little for its friction.
+fn is_weak(mistake: &Mistake, unit: u8) -> bool {
+    matches!(mistake, Mistake::AmplifierGain { unit: of, ratio } if *of == unit && *ratio < 1.0)
+}
+
 /// Gain and friction that a line shows, as shares of the rig file's.
 fn shares(unit: &UnitSettings, line: &LoadLine) -> (f64, f64) {
     let gain = line.gain() / (unit.friction_gain - unit.coulomb_per_n).max(0.1);
-    let idle_n = (unit.coulomb_n - unit.friction_offset_n).max(0.1) / unit.friction_gain;
-    (gain, gain * line.idle_n / idle_n)
+    (gain, gain * line.idle_n / turning_n(unit, 0.0).max(0.1))
 }
 
 fn name_line(unit: u8, (gain, friction): (f64, f64), line: &LoadLine, found: &mut Vec<Named>) {

@@ -7,8 +7,8 @@
 
 use super::session::MAX_POSE_AGE_NS;
 use super::{
-    explain_crash_record, timekeeping, Session, SessionError, PERIOD, SETPOINTS_VALID_MS,
-    SILENCE_TIMEOUT,
+    command_name, explain_crash_record, explain_refusal, timekeeping, Session, SessionError,
+    PERIOD, SETPOINTS_VALID_MS, SILENCE_TIMEOUT,
 };
 use std::time::Duration;
 use wire::message::UnitSetpoint;
@@ -64,12 +64,23 @@ impl Session<'_> {
     /// setpoints in force every 10 ms, and what arrives is received.
     ///
     /// # Errors
-    /// The link is gone, the board stopped sending or was reset.
+    /// The link is gone, the board stopped sending or was reset, or has refused setpoints.
     pub fn exchange(&mut self, duration: Duration) -> Result<(), SessionError> {
         self.exchange_with_reading(duration)?;
         if self.info.is_some() {
             if self.reset_seen {
                 return Err(self.after_reset());
+            }
+            if let Some(refusal) = self.setpoints_refused.take() {
+                self.setpoints = None;
+                let (_, Some(sent)) = &self.setpoints_sent else {
+                    return Ok(());
+                };
+                return Err(SessionError::Refused {
+                    command: command_name(sent),
+                    why: explain_refusal(sent, &refusal),
+                    refusal,
+                });
             }
             let limit = self.pace.on_host(SILENCE_TIMEOUT);
             if self.now_ns.saturating_sub(self.last_frame_ns) > limit.as_nanos() as u64 {

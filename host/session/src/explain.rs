@@ -125,9 +125,9 @@ pub fn explain_crash_record(record: &CrashRecord) -> String {
     text
 }
 
-/// Why a command was refused, and what to do.
+/// Why this command was refused, and what to do.
 #[must_use]
-pub fn explain_refusal(refusal: &CommandError) -> String {
+pub fn explain_refusal(command: &Command, refusal: &CommandError) -> String {
     match *refusal {
         CommandError::NotConnected => "no handshake took place on this link: the board was reset, or another program took over; connect again".to_owned(),
         CommandError::Version { abi, .. } => format!("it speaks ABI {abi}"),
@@ -145,7 +145,46 @@ pub fn explain_refusal(refusal: &CommandError) -> String {
             u16::from(unit) + 1,
             motor_state_name(state)
         ),
-        CommandError::Range { unit, field } => {
+        CommandError::Range { unit, field } => explain_range(command, unit, field),
+    }
+}
+
+/// What of a command is out of its range: unit from 0, and the number of the field.
+fn explain_range(command: &Command, unit: u8, field: u8) -> String {
+    let number = u16::from(unit) + 1;
+    match command {
+        Command::Setpoints { units, .. } if usize::from(unit) < units.len() => {
+            let setpoint = &units[usize::from(unit)];
+            let what = match field {
+                0 => format!(
+                    "a tension of {:.2} N is not within 0 N and its largest one, `tension_max_n` and `force_limit_n` of the \
+                     configuration in force",
+                    f64::from(setpoint.tension_un) * 1e-6
+                ),
+                1 => format!(
+                    "the cable is further from the load cell's axis than 75 degrees (1/cos {:.2}, 1 to 4 is possible): is the pose right?",
+                    f64::from(setpoint.inv_cos_q16) / 65_536.0
+                ),
+                2 => format!(
+                    "the cable's direction {:?} is no unit vector (16,384 is 1)",
+                    setpoint.direction_q14
+                ),
+                3 => format!(
+                    "a reel speed of {:.2} m/s is not within -1 and 1 m/s",
+                    f64::from(setpoint.reel_um_per_s.unwrap_or(0)) * 1e-6
+                ),
+                _ => format!("number {field} of its setpoint is out of its range"),
+            };
+            format!("unit {number}: {what}")
+        }
+        Command::Setpoints { valid_ms, .. } => {
+            format!("setpoints that are valid for {valid_ms} ms; 1 to 1000 ms are possible")
+        }
+        Command::StageBoard { config } => format!(
+            "`tip_force_limit_n` of {:.2} N is not within 1 and 100 N; correct the rig file",
+            f64::from(config.tip_force_limit_un) * 1e-6
+        ),
+        _ => {
             let known: Vec<String> = FIELDS
                 .iter()
                 .filter(|f| f.number == field)
@@ -156,7 +195,7 @@ pub fn explain_refusal(refusal: &CommandError) -> String {
             } else {
                 known.join(" or ")
             };
-            format!("unit {}: field {name} is out of its range; correct the rig file", u16::from(unit) + 1)
+            format!("unit {number}: field {name} is out of its range; correct the rig file")
         }
     }
 }
@@ -164,31 +203,74 @@ pub fn explain_refusal(refusal: &CommandError) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use wire::message::{BoardConfig, UnitSetpoint};
 
     #[test]
     fn a_rejection_says_which_unit_and_which_field() {
         let field = FIELDS.iter().find(|field| field.name == "kp_q16").unwrap();
-        let text = explain_refusal(&CommandError::Range {
-            unit: 2,
-            field: field.number,
-        });
+        let of = |unit, field| {
+            explain_refusal(&Command::CommitConfig, &CommandError::Range { unit, field })
+        };
+        let text = of(2, field.number);
         assert!(text.starts_with("unit 3: field `kp_q16`"), "{text}");
-        assert!(explain_refusal(&CommandError::Range {
-            unit: 0,
-            field: 250
-        })
-        .contains("number 250"));
-        assert!(explain_refusal(&CommandError::UnknownUnit(6)).contains("unit 7"));
+        assert!(of(0, 250).contains("number 250"));
+    }
+
+    /// A setpoint is explained by what was sent, not by the configuration's field of the same
+    /// number.
+    #[test]
+    fn a_rejected_setpoint_is_explained_by_its_own_values() {
+        let units = [UnitSetpoint {
+            tension_un: 14_000_000,
+            inv_cos_q16: 300_000,
+            direction_q14: [1, 2, 3],
+            reel_um_per_s: Some(2_500_000),
+        }; UNITS];
+        let command = Command::Setpoints {
+            valid_ms: 2_000,
+            units,
+        };
+        let of = |unit, field| explain_refusal(&command, &CommandError::Range { unit, field });
+        for (unit, field, words) in [
+            (3, 0, "unit 4: a tension of 14.00 N"),
+            (
+                3,
+                1,
+                "unit 4: the cable is further from the load cell's axis",
+            ),
+            (0, 2, "unit 1: the cable's direction [1, 2, 3]"),
+            (5, 3, "unit 6: a reel speed of 2.50 m/s"),
+            (u8::MAX, 0, "setpoints that are valid for 2000 ms"),
+        ] {
+            let text = of(unit, field);
+            assert!(text.starts_with(words), "{text}");
+        }
+        let config = BoardConfig {
+            tip_force_limit_un: 200_000_000,
+            ..BoardConfig::default()
+        };
+        let range = CommandError::Range {
+            unit: u8::MAX,
+            field: 1,
+        };
+        let text = explain_refusal(&Command::StageBoard { config }, &range);
+        assert!(
+            text.starts_with("`tip_force_limit_n` of 200.00 N"),
+            "{text}"
+        );
     }
 
     #[test]
     fn unknown_and_not_ready_units_read_differently() {
-        let unknown = explain_refusal(&CommandError::UnknownUnit(6));
+        let unknown = explain_refusal(&Command::Arm, &CommandError::UnknownUnit(6));
         assert!(unknown.contains("no unit 7"), "{unknown}");
-        let not_ready = explain_refusal(&CommandError::UnitNotReady {
-            unit: 2,
-            state: MotorState::BringUp as u8,
-        });
+        let not_ready = explain_refusal(
+            &Command::Arm,
+            &CommandError::UnitNotReady {
+                unit: 2,
+                state: MotorState::BringUp as u8,
+            },
+        );
         assert!(
             not_ready.contains("unit 3 is not ready") && not_ready.contains("bring-up"),
             "{not_ready}"

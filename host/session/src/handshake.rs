@@ -9,16 +9,18 @@ use wire::Command;
 /// How long a board may take from power-on to its first answer.
 const BOOT_TIMEOUT: Duration = Duration::from_secs(3);
 
+/// The first command of a session.
+const HELLO: Command = Command::Hello {
+    abi: wire::ABI_VERSION,
+    schema: wire::SCHEMA_HASH,
+};
+
 impl Session<'_> {
     /// Sends hello until the board answers, and checks versions.
     pub(super) fn handshake(&mut self) -> Result<(), SessionError> {
-        let hello = Command::Hello {
-            abi: wire::ABI_VERSION,
-            schema: wire::SCHEMA_HASH,
-        };
         let mut waited = Duration::ZERO;
         while waited < BOOT_TIMEOUT {
-            if let Some(response) = self.request_once(&hello, RESPONSE_TIMEOUT)? {
+            if let Some(response) = self.request_once(&HELLO, RESPONSE_TIMEOUT)? {
                 return self.check_version(response);
             }
             waited += RESPONSE_TIMEOUT;
@@ -41,7 +43,7 @@ impl Session<'_> {
             Response::Rejected(refusal) => {
                 return Err(SessionError::Refused {
                     command: "hello",
-                    why: explain_refusal(&refusal),
+                    why: explain_refusal(&HELLO, &refusal),
                     refusal,
                 })
             }

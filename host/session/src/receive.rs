@@ -2,7 +2,7 @@
 
 use super::{Session, TimedSample};
 use crate::clock::Reading;
-use wire::message::{Response, Status};
+use wire::message::{CommandError, Response, Status};
 use wire::{BoardFrame, BoardMessage};
 
 /// A step of board time further back than this is a reset and not telemetry out of order, in
@@ -23,6 +23,13 @@ impl Session<'_> {
                 }
                 if self.timekeeping.is_own(reply.seq) {
                     return;
+                }
+                // Setpoints are answered only where they are refused.
+                if let Response::Rejected(refusal @ CommandError::Range { .. }) = reply.response {
+                    if self.setpoints_sent.0.contains(&reply.seq) {
+                        self.setpoints_refused = Some(refusal);
+                        return;
+                    }
                 }
                 self.reply = Some((reply.seq, reply.response));
             }

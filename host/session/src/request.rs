@@ -20,6 +20,12 @@ impl Session<'_> {
     /// Encodes a command for the next exchange; returns its number.
     pub(super) fn queue(&mut self, command: Command) -> u16 {
         self.seq = self.seq.wrapping_add(1);
+        if matches!(command, Command::Setpoints { .. }) {
+            let (numbers, last) = &mut self.setpoints_sent;
+            numbers.rotate_left(1);
+            numbers[7] = self.seq;
+            *last = Some(command.clone());
+        }
         if command == Command::GetStatus {
             self.timekeeping.asked(self.seq, self.now_ns);
         }
@@ -71,7 +77,7 @@ impl Session<'_> {
                     }
                     return Err(SessionError::Refused {
                         command: command_name(command),
-                        why: explain_refusal(&refusal),
+                        why: explain_refusal(command, &refusal),
                         refusal,
                     });
                 }

@@ -9,8 +9,8 @@ use crate::patience::Pace;
 use crate::timekeeping::Timekeeping;
 use emulator_link::{Pose, Truth};
 use std::time::Duration;
-use wire::message::{BoardInfo, FaultReport, Response, Sample, Status, UnitSetpoint};
-use wire::{Decoder, UNITS};
+use wire::message::{BoardInfo, CommandError, FaultReport, Response, Sample, Status, UnitSetpoint};
+use wire::{Command, Decoder, UNITS};
 
 /// Period of the host's controller and of the setpoints (thesis 3.7: 100 Hz).
 pub const PERIOD: Duration = Duration::from_millis(10);
@@ -99,6 +99,10 @@ pub struct Session<'l> {
     pub(super) timekeeping: Timekeeping,
     pub(super) setpoints: Option<[UnitSetpoint; UNITS]>,
     pub(super) setpoints_due_ns: u64,
+    /// Numbers of the frames with the last setpoints, the newest last, and what that one was.
+    pub(super) setpoints_sent: ([u16; 8], Option<Command>),
+    /// Why the board has refused setpoints.
+    pub(super) setpoints_refused: Option<CommandError>,
     /// Newest tension of each unit in N, and when (board time, us).
     pub(super) tension_n: [Option<(f64, u64)>; UNITS],
 }
@@ -122,6 +126,8 @@ impl<'l> Session<'l> {
             link,
             decoder: Decoder::new(),
             seq: 0,
+            setpoints_sent: ([0; 8], None),
+            setpoints_refused: None,
             // A zero ends whatever was on the line before.
             outbox: vec![0],
             received: Received::default(),

@@ -286,7 +286,7 @@ impl Hub {
             self.commander = None;
         }
         let result = match response {
-            Response::Rejected(refusal) => Err((code::REFUSED, explain_refusal(&refusal))),
+            Response::Rejected(refusal) => Err((code::REFUSED, explain_refusal(command, &refusal))),
             // The newest status may be of the time before.
             Response::Done if *command == Command::ClearFaults => {
                 return self.send(Origin::Call(id, number), Command::GetStatus);

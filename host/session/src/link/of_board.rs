@@ -42,3 +42,56 @@ impl RigLink for OfBoard {
         self.link.controls()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::fast::FastRig;
+    use crate::link::EmbeddedOptions;
+    use crate::{Session, SessionError};
+    use wire::message::UnitSetpoint;
+    use wire::UNITS;
+
+    fn rig() -> Box<dyn RigLink> {
+        Box::new(FastRig::open(&EmbeddedOptions::default()).unwrap())
+    }
+
+    #[test]
+    fn another_board_is_refused_and_the_right_one_is_not() {
+        let mut link = rig();
+        let session = Session::connect(link.as_mut()).unwrap();
+        let number = session.info().unwrap().number().unwrap();
+        let mut right = OfBoard::new(rig(), number.as_str().to_owned());
+        assert!(Session::connect(&mut right).is_ok());
+        let mut wrong = OfBoard::new(rig(), "0123456789ABCDEF0000000A".to_owned());
+        let error = Session::connect(&mut wrong).unwrap_err();
+        assert!(
+            matches!(&error, SessionError::OtherBoard { is, .. } if *is == number.as_str()),
+            "{error}"
+        );
+    }
+
+    /// What the board refuses ends the session with these values, and not with an expiry later.
+    #[test]
+    fn a_refused_setpoint_is_told_with_what_was_sent() {
+        let mut link = rig();
+        let mut session = Session::connect(link.as_mut()).unwrap();
+        let units = [UnitSetpoint {
+            tension_un: 900_000_000,
+            inv_cos_q16: 1 << 16,
+            direction_q14: [0; 3],
+            reel_um_per_s: None,
+        }; UNITS];
+        let file = rig::Rig::built_in().unwrap().units;
+        session.configure(&file.map(|unit| unit.to_wire())).unwrap();
+        let error = session
+            .send_setpoints(units, crate::PERIOD)
+            .and_then(|()| session.exchange(crate::PERIOD))
+            .unwrap_err();
+        let text = error.to_string();
+        assert!(
+            text.contains("`setpoints`: unit 1: a tension of 900.00 N"),
+            "{text}"
+        );
+    }
+}
