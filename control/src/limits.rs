@@ -5,10 +5,29 @@
 
 use crate::units::Newton;
 
+/// Whole numbers that have an opposite, the smallest one included.
+pub(crate) trait Signed: Ord + Copy {
+    /// The opposite; that of the smallest number is the largest.
+    fn opposite(self) -> Self;
+}
+
+impl Signed for i32 {
+    fn opposite(self) -> Self {
+        self.saturating_neg()
+    }
+}
+
+impl Signed for i64 {
+    fn opposite(self) -> Self {
+        self.saturating_neg()
+    }
+}
+
 /// Not further from zero than `bound`, which is not negative. Unlike `clamp` it can't panic
-/// whatever the bound is, so no panic is linked into the sample path.
-pub(crate) fn clamp_abs<T: Ord + Copy + core::ops::Neg<Output = T>>(value: T, bound: T) -> T {
-    value.min(bound).max(-bound)
+/// whatever the bound is, so no panic is linked into the sample path: a bit of a bound that changes
+/// in memory may make it negative until the configuration's sum is checked.
+pub(crate) fn clamp_abs<T: Signed>(value: T, bound: T) -> T {
+    value.min(bound).max(bound.opposite())
 }
 
 /// Fraction bits of a ramp: +-32,768 N in steps of 4e-15 N.
@@ -65,5 +84,22 @@ impl Ramp {
         let distance = to.saturating_sub(self.0);
         self.0 = self.0.saturating_add(clamp_abs(distance, step));
         self.0 != to
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_bound_panics() {
+        assert_eq!(clamp_abs(7, 5), 5);
+        assert_eq!(clamp_abs(-7, 5), -5);
+        for bound in [i32::MIN, -5, 0, i32::MAX] {
+            for value in [i32::MIN, -7, 7, i32::MAX] {
+                let _ = clamp_abs(value, bound);
+                let _ = clamp_abs(i64::from(value), i64::MIN);
+            }
+        }
     }
 }

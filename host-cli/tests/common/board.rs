@@ -16,8 +16,6 @@ const STEP: Duration = Duration::from_millis(5);
 pub struct Board {
     /// Name of its port.
     pub port: String,
-    /// Kept open, so that the line outlives each program.
-    _line: File,
 }
 
 impl Board {
@@ -37,9 +35,12 @@ impl Board {
         let (bytes, received) = channel();
         std::thread::spawn(move || {
             let mut chunk = [0; 4096];
-            while let Ok(length @ 1..) = from_host.read(&mut chunk) {
-                if bytes.send(chunk[..length].to_vec()).is_err() {
-                    return;
+            loop {
+                // Between two programs nobody has the line open, and reading it is an error.
+                match from_host.read(&mut chunk) {
+                    Ok(length @ 1..) if bytes.send(chunk[..length].to_vec()).is_err() => return,
+                    Ok(1..) => {}
+                    _ => std::thread::sleep(Duration::from_millis(1)),
                 }
             }
         });
@@ -49,7 +50,7 @@ impl Board {
         };
         let rig = FastRig::open(&options).unwrap();
         std::thread::spawn(move || run(rig, &received, to_host));
-        Self { port, _line: line }
+        Self { port }
     }
 }
 
@@ -62,8 +63,7 @@ fn run(mut rig: FastRig, received: &Receiver<Vec<u8>>, mut to_host: File) {
         last = Instant::now();
         let to_board: Vec<u8> = received.try_iter().flatten().collect();
         let exchange = rig.exchange(&to_board, passed).unwrap();
-        if to_host.write_all(&exchange.from_board).is_err() {
-            return;
-        }
+        // What nobody reads is lost.
+        let _ = to_host.write_all(&exchange.from_board);
     }
 }
