@@ -61,7 +61,9 @@ fn runs(case: &Case, seeds: u64) -> Vec<(Run, f64, u64)> {
             .map(|some| scope.spawn(move || run_some(some)))
             .collect();
         let ended = threads.into_iter().map(|thread| thread.join());
-        ended.flat_map(|done| done.expect("no run panics")).collect()
+        ended
+            .flat_map(|done| done.expect("no run panics"))
+            .collect()
     })
 }
 

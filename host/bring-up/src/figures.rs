@@ -91,6 +91,8 @@ pub struct EStopFigures {
 pub struct PowerFigures {
     /// The amplifiers showed power with everything in order.
     pub lit_ready: Option<bool>,
+    /// The board withheld the alive line meanwhile: a unit was not ready.
+    pub alive_withheld: Option<bool>,
     /// They showed power while the E-stop was pressed.
     pub lit_pressed: Option<bool>,
     /// They showed power while the alive line was unplugged.
@@ -159,6 +161,9 @@ pub struct TensionFigures {
     pub fastest_m_per_s: f64,
     /// Largest reading of the load cell, N.
     pub most_n: f64,
+    /// Command that turned the reel slowly while its cable was slack, N; `None`: it was not slack
+    /// long enough.
+    pub idle_n: Option<f64>,
     /// How the reading follows the command; `None`: the cable was not loaded enough.
     pub line: Option<LoadLine>,
     /// Delay from the DAC's word to the load cell's code, s, as a chirp shows it.

@@ -6,7 +6,7 @@
 
 use crate::figures::{
     ConverterFigures, EStopFigures, Figures, LoadLine, MotorFigures, PowerFigures, PullFigures,
-    PulseFigures,
+    PulseFigures, TensionFigures,
 };
 use crate::mistake::{Mistake, Named, Sure};
 use crate::pulse::{ANSWER_M, ANSWER_N, TIGHT_N, TURNED_M};
@@ -445,7 +445,7 @@ fn power(figures: &Figures, found: &mut Vec<Named>) {
         }
     } else if !moved.is_empty() {
         found.push(certain(bypassed, told));
-    } else if power.lit_ready == Some(false) {
+    } else if power.lit_ready == Some(false) && power.alive_withheld != Some(true) {
         found.push(certain(
             Mistake::NoPower,
             "no lamp was lit, with every unit ready and the E-stop released",
@@ -701,10 +701,15 @@ fn tension(rig: &Rig, figures: &Figures, found: &mut Vec<Named>) {
         if let Some(why) = &tension.refused {
             let why = why.clone();
             found.push(certain(
-                Mistake::NotDriven { unit, why },
+                Mistake::NotLoaded { unit, why },
                 "the board's answer to arming",
             ));
             continue;
+        }
+        if tension.fault != 0 {
+            let why = session::explain_fault(tension.fault, 0);
+            let told = "the cable's load ended with this fault";
+            found.push(certain(Mistake::NotLoaded { unit, why }, told));
         }
         if let Some(line) = &tension.line {
             found.retain(|named| match named.mistake {
@@ -714,26 +719,8 @@ fn tension(rig: &Rig, figures: &Figures, found: &mut Vec<Named>) {
                 _ => true,
             });
             name_line(unit, shares(&rig.units[i], line), line, found);
-        } else if tension.fault != 0 {
-            let why = session::explain_fault(tension.fault, 0);
-            found.push(certain(
-                Mistake::NotDriven { unit, why },
-                "taking the cable up ended with this fault",
-            ));
-        } else if !tension.tight {
-            // Pulses may have said that the command is too weak for the friction.
-            if !found.iter().any(|named| is_weak(&named.mistake, unit)) {
-                let wound_mm = 1e3 * tension.wound_m;
-                found.push(certain(
-                    Mistake::NotTight { unit, wound_mm },
-                    format!("the load cell read {:.2} N at most", tension.most_n),
-                ));
-            }
-        } else if !tension.loose {
-            found.push(certain(
-                Mistake::NotLoose { unit },
-                "its load cell answered before the reel had turned",
-            ));
+        } else if tension.fault == 0 && !found.iter().any(|named| is_weak(&named.mistake, unit)) {
+            not_loaded(&rig.units[i], unit, tension, found);
         }
         if let Some(late_s) = tension.delay_s.map(|delay_s| delay_s - DELAY_S) {
             if late_s > LATE_S {
@@ -750,7 +737,25 @@ fn tension(rig: &Rig, figures: &Figures, found: &mut Vec<Named>) {
     }
 }
 
-/// Whether a unit's amplifier gives too little for its friction.
+/// Names why a cable was not loaded enough.
+fn not_loaded(settings: &UnitSettings, unit: u8, tension: &TensionFigures, found: &mut Vec<Named>) {
+    let wound_mm = 1e3 * tension.wound_m;
+    let told = format!(
+        "the load cell read {:.2} N at most, after {wound_mm:.1} mm",
+        tension.most_n
+    );
+    let ratio = tension
+        .idle_n
+        .map(|idle_n| turning_n(settings, 0.0) / idle_n);
+    match ratio.filter(|ratio| *ratio < 1.0 / GAIN) {
+        Some(ratio) => gain_or_friction(unit, unit, ratio, &told, found),
+        None if tension.tight => found.push(certain(Mistake::NotLoose { unit }, told)),
+        None => found.push(certain(Mistake::NotTight { unit, wound_mm }, told)),
+    }
+}
+
+/// Whether pulses have named a unit's amplifier as too weak for its friction: the command does not
+/// load its cable then.
 fn is_weak(mistake: &Mistake, unit: u8) -> bool {
     matches!(mistake, Mistake::AmplifierGain { unit: of, ratio } if *of == unit && *ratio < 1.0)
 }

@@ -47,6 +47,7 @@ pub enum Mistake {
     AmplifierGain { unit: u8, ratio: f64 },
     SelectsTied { motor: u8, units: Vec<u8> },
     NotDriven { unit: u8, why: String },
+    NotLoaded { unit: u8, why: String },
     NotLoose { unit: u8 },
     NotTight { unit: u8, wound_mm: f64 },
     Friction { unit: u8, ratio: f64 },
@@ -125,7 +126,8 @@ impl Mistake {
             | Self::AmplifierGain { .. }
             | Self::SelectsTied { .. }
             | Self::NotDriven { .. } => Test::Motors,
-            Self::NotLoose { .. }
+            Self::NotLoaded { .. }
+            | Self::NotLoose { .. }
             | Self::NotTight { .. }
             | Self::Friction { .. }
             | Self::Delay { .. } => Test::Tension,
@@ -192,7 +194,7 @@ impl Mistake {
                 format!("check the gain of amplifier {unit} (A/V), its input range, and dac_codes_per_n in the rig file")
             }
             Self::SelectsTied { .. } => "check the DACs' CS and LDAC wires for a bridge".into(),
-            Self::NotDriven { .. } => "remove that cause and run the test again".into(),
+            Self::NotDriven { .. } | Self::NotLoaded { .. } => "remove that cause and run the test again".into(),
             Self::NotLoose { unit } => format!("lay cable {unit} loose and run the test again"),
             Self::NotTight { unit, .. } => format!("check that cable {unit} is on its reel and held at its end, then lay it loose and run the test again"),
             Self::Friction { unit, ratio } if *ratio > 1.0 => {
@@ -354,6 +356,9 @@ impl fmt::Display for Mistake {
             }
             Self::NotDriven { unit, why } => {
                 write!(f, "unit {unit}: the board did not drive the motor: {why}")
+            }
+            Self::NotLoaded { unit, why } => {
+                write!(f, "unit {unit}: the cable was not loaded to the end: {why}")
             }
             Self::NotLoose { unit } => write!(f, "unit {unit}: the cable was not loose"),
             Self::NotTight { unit, wound_mm } => write!(

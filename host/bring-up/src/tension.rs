@@ -16,6 +16,7 @@
 
 use crate::figures::{LoadLine, TensionFigures};
 use crate::pulse::{self, Drive};
+use crate::steps::REST;
 use crate::window::{mean, Rest, Window};
 use crate::BringUpError;
 use control::Fault;
@@ -29,9 +30,10 @@ use wire::{Command, UNITS};
 
 /// Largest command, N: 1.2 N of tension at the friction of the example rig, 2.0 N at half of it.
 pub const LOADED_N: f64 = 2.3;
-/// Largest command while the cable reads less than [`TIGHT_N`], N. At 2.1 N the board takes a cable
-/// that stays slack for a fault (45).
+/// Largest command while the cable reads less than [`TIGHTENED_N`], N. At 2.1 N the board takes a
+/// cable that stays slack, below that reading, for a fault (45).
 const SLACK_N: f64 = 2.0;
+const TIGHTENED_N: f64 = 0.5;
 /// Reading at which the board takes the unit to 0 V, N.
 pub const OVER_TENSION_N: f64 = 1.8;
 /// Reading at which the command rises no more, N.
@@ -54,8 +56,8 @@ const LOAD_N_PER_S: f64 = 0.4;
 /// Cable from which it counts as loose at first, m; and from which on the command of the idle reel
 /// is taken.
 const LOOSE_M: f64 = 2.0e-4;
-/// Fewest samples for that command: 50 ms.
-const IDLE_SAMPLES: usize = 16;
+/// Fewest periods for that command: 0.5 mm of slack.
+const IDLE_PERIODS: usize = 16;
 /// Command above that of the idle reel that is needed for a gain, N.
 const LOAD_N: f64 = 0.4;
 /// Longest cable that is wound in, m: twice the slack that is asked for, and more.
@@ -73,7 +75,7 @@ const DELAY_STEP_S: f64 = 1e-4;
 /// Periods of the setpoint that closes the loop.
 const CLOSE_PERIODS: u32 = 5;
 /// For how long a setpoint is valid, ms: five periods of this program.
-const VALID_MS: u16 = 60;
+pub const VALID_MS: u16 = 60;
 
 /// Configurations for `unit` (from 0).
 #[must_use]
@@ -93,7 +95,7 @@ pub fn configs(
 pub(crate) fn test(drive: &mut Drive<'_, '_>, unit: usize) -> Result<TensionFigures, BringUpError> {
     let configs = configs(drive.rig, drive.works, drive.zero_code, unit);
     drive.session.configure(&configs)?;
-    let rest = Rest::of(&Window::over(drive.session, Duration::from_millis(400))?);
+    let rest = Rest::of(&Window::over(drive.session, REST)?);
     let mut run = Run {
         unit,
         rest,
@@ -249,7 +251,11 @@ impl Run<'_, '_, '_> {
         let rise_n = LOAD_N_PER_S * PERIOD.as_secs_f64();
         for _ in 0..Self::periods(LONGEST_S) {
             let reading_n = self.reading_n();
-            let most_n = if reading_n < 0.5 { SLACK_N } else { LOADED_N };
+            let most_n = if reading_n < TIGHTENED_N {
+                SLACK_N
+            } else {
+                LOADED_N
+            };
             if reading_n >= TOP_N || self.command_n + rise_n > most_n {
                 break;
             }
@@ -261,7 +267,8 @@ impl Run<'_, '_, '_> {
         let reading_n = self.reading_n();
         // The last periods may be of a tight cable already.
         let idle = &self.idle[..self.idle.len().saturating_sub(MEAN_OF)];
-        if let Some(idle_n) = mean(idle).filter(|_| idle.len() >= IDLE_SAMPLES) {
+        if let Some(idle_n) = mean(idle).filter(|_| idle.len() >= IDLE_PERIODS) {
+            self.figures.idle_n = Some(idle_n);
             let command_n = self.given_n();
             self.figures.line = (command_n >= idle_n + LOAD_N).then_some(LoadLine {
                 idle_n,
@@ -399,4 +406,46 @@ fn left(rows: impl Iterator<Item = ([f64; 3], f64)>) -> Option<f64> {
         .map(|i| right[i] * equations[i][3] / equations[i][i])
         .sum();
     Some((squares - explained).max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The bounds that the board holds, whatever this program sends.
+    #[test]
+    fn the_boards_own_limits_are_those_of_the_test() {
+        let rig = Rig::built_in().unwrap();
+        for unit in 0..UNITS {
+            let configs = configs(&rig, [true; UNITS], [7; UNITS], unit);
+            for (i, config) in configs.iter().enumerate() {
+                let most_un = if i == unit { 2_300_000 } else { 0 };
+                assert_eq!(
+                    (config.force_limit_un, config.tension_max_un),
+                    (most_un, most_un)
+                );
+            }
+            assert_eq!(configs[unit].over_tension_un, 1_800_000);
+        }
+    }
+
+    #[test]
+    fn the_delay_of_a_chirp_is_found_whatever_its_phase_and_size() {
+        for late_s in [0.0, 0.0111, 0.05] {
+            for phase_rad in [0.0, 1.0, -2.5] {
+                let series: Vec<(f64, f64)> = (0..1_280)
+                    .map(|n| f64::from(n) / 320.0)
+                    .map(|at_s| {
+                        (
+                            at_s,
+                            5.0 + 0.1 * (chirp_rad(at_s - late_s) + phase_rad).cos(),
+                        )
+                    })
+                    .collect();
+                let found_s = delay_s(&series).unwrap();
+                assert!((found_s - late_s).abs() < 2e-4, "{late_s} s: {found_s} s");
+            }
+        }
+        assert_eq!(delay_s(&[]), None);
+    }
 }

@@ -25,7 +25,7 @@ impl Bench<'_, '_> {
             power.unplugged[*unit] = None;
         }
         self.clear()?;
-        self.settled(SETTLE)?;
+        power.alive_withheld = Some(self.settled(SETTLE)?.alive_withheld);
         power.lit_ready = self.look()?;
         // The plug is handled while the E-stop is pressed, and only if the board sees that it is.
         power.closed_pressed = self.press()?;
