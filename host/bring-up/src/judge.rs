@@ -739,7 +739,7 @@ fn tension(rig: &Rig, figures: &Figures, found: &mut Vec<Named>) {
 
 /// Names why a cable was not loaded enough.
 fn not_loaded(settings: &UnitSettings, unit: u8, tension: &TensionFigures, found: &mut Vec<Named>) {
-    let wound_mm = 1e3 * tension.wound_m;
+    let wound_mm = 1e3 * tension.wound_m.max(0.0);
     let told = format!(
         "the load cell read {:.2} N at most, after {wound_mm:.1} mm",
         tension.most_n

@@ -259,7 +259,9 @@ impl Record {
     /// Why not.
     pub fn may_drive(&self, test: Test) -> std::result::Result<(), String> {
         let against = |named: &&Named| match named.mistake.test() {
-            Test::Power => test != Test::Power && named.mistake != Mistake::NoPower,
+            // A motor without power is named by its pulses too; a cable is not loaded without it.
+            Test::Power if named.mistake == Mistake::NoPower => test == Test::Tension,
+            Test::Power => test != Test::Power,
             Test::Estop => test != Test::Power,
             // What pulses can't tell from friction, this test does.
             Test::Motors => {
