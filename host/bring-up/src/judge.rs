@@ -41,7 +41,7 @@ const RATE_SPS: std::ops::RangeInclusive<f64> = 308.0..=332.0;
 const GAIN: f64 = std::f64::consts::SQRT_2;
 /// Friction without tension as a share of the rig file's that is in order. It differs between units
 /// by 7 % (one standard deviation), and the line finds it to some percent.
-const FRICTION: std::ops::RangeInclusive<f64> = 0.7..=1.4;
+const FRICTION: std::ops::RangeInclusive<f64> = 0.7..=1.25;
 /// Delay of a chirp on a rig in order, s: on the plant 10.5 to 11.6 ms, of which the converter's
 /// filter makes 6.
 const DELAY_S: f64 = 0.0111;
@@ -601,7 +601,15 @@ fn motors(rig: &Rig, figures: &Figures, hands: &Hands, found: &mut Vec<Named>) {
     for i in silent {
         let unit = number(i);
         let by_hand = hands.encoder[i].is_some();
-        let sure = if by_hand { Sure::Certain } else { Sure::Likely };
+        // Words for a DAC whose select is tied may be another's.
+        let tied = found.iter().any(|named| {
+            matches!(&named.mistake, Mistake::SelectsTied { units, .. } if units.contains(&unit))
+        });
+        let sure = if by_hand && !tied {
+            Sure::Certain
+        } else {
+            Sure::Likely
+        };
         let most_n = figures.motors[i]
             .as_ref()
             .and_then(|motor| motor.pulses.last());
