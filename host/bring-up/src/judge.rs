@@ -41,7 +41,7 @@ const RATE_SPS: std::ops::RangeInclusive<f64> = 308.0..=332.0;
 const GAIN: f64 = std::f64::consts::SQRT_2;
 /// Friction without tension as a share of the rig file's that is in order. It differs between units
 /// by 7 % (one standard deviation), and the line finds it to some percent.
-const FRICTION: std::ops::RangeInclusive<f64> = 0.7..=1.25;
+const FRICTION: std::ops::RangeInclusive<f64> = 0.7..=1.3;
 /// Delay of a chirp on a rig in order, s: on the plant 10.5 to 11.6 ms, of which the converter's
 /// filter makes 6.
 const DELAY_S: f64 = 0.0111;
@@ -771,7 +771,7 @@ fn is_weak(mistake: &Mistake, unit: u8) -> bool {
 /// Gain and friction that a line shows, as shares of the rig file's.
 fn shares(unit: &UnitSettings, line: &LoadLine) -> (f64, f64) {
     let gain = line.gain() / (unit.friction_gain - unit.coulomb_per_n).max(0.1);
-    (gain, gain * line.idle_n / turning_n(unit, 0.0).max(0.1))
+    (gain, line.idle_n / turning_n(unit, 0.0).max(0.1))
 }
 
 fn name_line(unit: u8, (gain, friction): (f64, f64), line: &LoadLine, found: &mut Vec<Named>) {
