@@ -7,6 +7,7 @@
 | `residual`, `first_model` | what a force model lacks, from logs |
 | `Rig` | a rig file: tensions for a force, feasible forces |
 | `raven` | kinematics of the Raven-II's left arm |
+| `dvrk` | kinematics of a dVRK's PSM |
 | `gain`, `zero` | calibration of a load cell from arrays |
 | `Estimator` | contact force from the state of a robot |
 
@@ -32,6 +33,7 @@ _LATER = {
     "Stream": "._estimator",
     "Workspace": "._rig",
     "Zero": "._calibration",
+    "dvrk": ".dvrk",
     "first_model": "._residual",
     "gain": "._calibration",
     "raven": ".raven",
@@ -47,7 +49,7 @@ def __getattr__(name):
     if name not in _LATER:
         raise AttributeError(f"module 'forcerig' has no attribute {name!r}")
     module = _import_module(_LATER[name], __name__)
-    return module if name == "raven" else getattr(module, name)
+    return module if name in ("dvrk", "raven") else getattr(module, name)
 
 
 def __dir__():

@@ -1,3 +1,4 @@
+from . import dvrk as dvrk
 from . import raven as raven
 from ._calibration import Gain as Gain
 from ._calibration import Zero as Zero
