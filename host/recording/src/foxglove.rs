@@ -269,6 +269,14 @@ impl Scene {
         json!({"deletions": [], "entities": entities.collect::<Vec<_>>()})
     }
 
+    /// A message that takes all arrows away: where the tip is not known, none of before may stay.
+    #[must_use]
+    pub fn empty(timestamp: Utc) -> Json {
+        // 1: all entities.
+        let all = json!({"timestamp": timestamp, "type": 1, "id": ""});
+        json!({"deletions": [all], "entities": []})
+    }
+
     /// JSON schema.
     #[must_use]
     pub fn json_schema() -> Json {

@@ -15,8 +15,9 @@ use std::time::{Duration, Instant};
 
 /// Longest wait for what has to come. A limit of patience, not of speed: the machine may be busy.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// The two sizes that are looked at: a notebook and a phone.
-const SIZES: [(u32, u32); 2] = [(1280, 800), (390, 844)];
+/// The two sizes that are looked at: a notebook and a phone, which is touched.
+const SIZES: [(u32, u32); 2] = [(1280, 800), PHONE];
+const PHONE: (u32, u32) = (390, 844);
 
 /// chromedriver, which ends with this.
 struct Driver {
@@ -119,7 +120,9 @@ impl<'d> Window<'d> {
             "--disable-gpu",
             "--disable-dev-shm-usage",
         ];
-        let options = json!({"args": arguments, "mobileEmulation": {"deviceMetrics": {"width": width, "height": height, "pixelRatio": 1.0, "touch": false}}});
+        let touch = (width, height) == PHONE;
+        let metrics = json!({"width": width, "height": height, "pixelRatio": 1.0, "mobile": touch, "touch": touch});
+        let options = json!({"args": arguments, "mobileEmulation": {"deviceMetrics": metrics}});
         let wanted = json!({"capabilities": {"alwaysMatch": {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}}});
         let session = driver.call("POST", "/session", &wanted);
         let path = format!("/session/{}", session["sessionId"].as_str().unwrap());
@@ -168,6 +171,21 @@ impl<'d> Window<'d> {
         let number = element.as_object().unwrap().values().next().unwrap();
         let path = format!("/element/{}/click", number.as_str().unwrap());
         self.call("POST", &path, &json!({}));
+    }
+
+    /// Puts a finger on an element and lifts it. The browser makes no mouse of it before that.
+    fn touch(&self, id: &str) {
+        let middle = self.value(&format!(
+            "(() => {{ const box = document.getElementById('{id}').getBoundingClientRect(); return [box.left + box.width / 2, box.top + box.height / 2]; }})()"
+        ));
+        let [x, y] = [0, 1].map(|i| middle[i].as_f64().unwrap() as i64);
+        let finger = json!({"type": "pointer", "id": "finger", "parameters": {"pointerType": "touch"}, "actions": [
+            {"type": "pointerMove", "duration": 0, "origin": "viewport", "x": x, "y": y},
+            {"type": "pointerDown", "button": 0},
+            {"type": "pause", "duration": 50},
+            {"type": "pointerUp", "button": 0},
+        ]});
+        self.call("POST", "/actions", &json!({"actions": [finger]}));
     }
 
     fn picture(&self, name: &str) {
@@ -223,9 +241,11 @@ fn a_browser_shows_the_force_stops_the_rig_and_clears_it() {
     // The phone may not command beside the notebook, and it may stop.
     phone.click("hold");
     phone.until("said", |text| text.contains("commands this rig"));
-    phone.click("stop");
+    phone.value("document.getElementById('stop').addEventListener('pointerdown', (event) => { window.by = event.pointerType; })");
+    phone.touch("stop");
     let confirmed = |text: &str| text.contains("the board has confirmed 0 V");
     println!("{}", phone.until("stopped", confirmed));
+    assert_eq!(phone.value("window.by"), "touch");
     notebook.until("said", |text| text.contains("stopped by page at 127.0.0.1"));
     for window in [&notebook, &phone] {
         window.until("faults", |text| {
@@ -246,9 +266,71 @@ fn a_browser_shows_the_force_stops_the_rig_and_clears_it() {
     for window in [&notebook, &phone] {
         window.until("state", |text| text == "not connected" || text == "no data");
         assert_eq!(window.text("force"), "\u{2013}");
+        assert_eq!(
+            window.value("document.getElementById('scene').dataset.unknown"),
+            "no data"
+        );
+        let cells = "[...document.querySelectorAll('#units td:nth-child(n+2)')]";
+        let empty = window.value(&format!(
+            "{cells}.length === 18 && {cells}.every((cell) => cell.textContent === '\\u2013')"
+        ));
+        assert_eq!(empty, true, "figures of before are left in the table");
     }
     phone.until("state", |text| text == "not connected");
-    phone.click("stop");
+    phone.touch("stop");
     phone.until("stopped", |text| text.contains("NOT CONNECTED"));
     phone.picture("phone-gone");
+}
+
+/// The arrow of a force that was, and cables that end where the tip was, are not left on the
+/// screen.
+#[test]
+fn a_tip_that_is_lost_is_shown_as_lost() {
+    let Some(driver) = Driver::start() else {
+        println!("skipped: chromedriver is not installed (Debian: chromium-driver)");
+        return;
+    };
+    let served = Served::new(Some("0123456789abcdef"));
+    let window = Window::open(&driver, SIZES[0], &served.link);
+    window.until("state", |text| text == "ready");
+    let script = "const done = arguments[0]; import(new URL('scene.js', location)).then(({ Scene }) => {
+        const canvas = document.createElement('canvas');
+        canvas.style.cssText = 'position: fixed; inset: 0; width: 400px; height: 300px;';
+        document.body.append(canvas);
+        const scene = new Scene(canvas);
+        const rig = { center_m: [0, 0, 0], radius_m: 0.05, units: [{ exit_m: [0.4, 0, 0] }, { exit_m: [-0.4, 0, 0.3] }] };
+        const now = { tip_m: [0, 0, 0], force_n: [0, 0, 2.5], tension_n: [3, 3] };
+        const bright = () => {
+            scene.draw();
+            const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+            let count = 0;
+            for (let i = 0; i < data.length; i += 4) count += data[i] === 255 && data[i + 1] === 255 && data[i + 2] === 255;
+            return count;
+        };
+        const found = [];
+        for (const shown of [now, { ...now, force_n: null }, { ...now, tip_m: null, force_n: null }, null]) {
+            scene.show(rig, shown);
+            found.push([bright(), canvas.dataset.unknown]);
+        }
+        done(found);
+    }).catch((error) => done(String(error)));";
+    let found = window.call(
+        "POST",
+        "/execute/async",
+        &json!({"script": script, "args": []}),
+    );
+    let words: Vec<&str> = (0..4).map(|i| found[i][1].as_str().unwrap()).collect();
+    assert_eq!(
+        words,
+        ["", "force not known", "tip not known", "no data"],
+        "{found}"
+    );
+    // The arrow and the tip, a disc of 10 pixels, are the only white things. Where letters cross, a
+    // pixel may be white.
+    let white: Vec<i64> = (0..4).map(|i| found[i][0].as_i64().unwrap()).collect();
+    assert!(white[0] > white[1] && white[1] > 0, "{found}");
+    assert!(
+        white[1] > 60 && white[2..].iter().all(|n| *n < 6),
+        "{found}"
+    );
 }

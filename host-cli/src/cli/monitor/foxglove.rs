@@ -220,6 +220,9 @@ fn messages(update: &Update, timestamp: Utc) -> Vec<(&'static str, Value)> {
                 // Without a force the arrow before it would stay.
                 let arrow = Arrow::measured(now.force_n.unwrap_or_default());
                 add(Scene::TOPIC, Ok(Scene::message(timestamp, tip_m, &[arrow])));
+            } else {
+                // Without a tip the arrow before it would stay, too.
+                add(Scene::TOPIC, Ok(Scene::empty(timestamp)));
             }
         }
         Update::Event(event) => add("/log", serde_json::to_value(log(event, timestamp))),
@@ -456,5 +459,12 @@ mod tests {
         assert!((arrow(&now) - 0.05).abs() < 1e-12);
         now.force_n = None;
         assert_eq!(arrow(&now), 0.0);
+        now.tip_m = None;
+        let update = Update::Telemetry(now);
+        let found = messages(&update, Utc::from_ns(5));
+        let scene = &found.iter().find(|(topic, _)| *topic == Scene::TOPIC);
+        let scene = &scene.unwrap().1;
+        assert_eq!(scene["entities"], serde_json::json!([]));
+        assert_eq!(scene["deletions"][0]["type"], 1);
     }
 }

@@ -43,6 +43,11 @@ function draw() {
     text("force", "–");
     text("components", "");
     text("tip", "");
+    text("who", "");
+    [...$("units").tBodies[0].rows].forEach((row) => cells(row, ["–", "–", "–"]));
+    faults([]);
+    scene.show(about?.rig, null);
+    scene.draw();
   }
   requestAnimationFrame(draw);
 }
@@ -58,15 +63,18 @@ function show(now) {
   const tip = now.tip_m?.map((v) => (1000 * v).toFixed(1)).join(", ");
   text("tip", tip ? `tip at ${tip} mm` : "pose not known");
   [...$("units").tBodies[0].rows].forEach((row, i) => {
-    const cells = [newton(now.tension_n[i]), newton(now.setpoint_n[i]), unitState(now, i)];
-    cells.forEach((words, k) => {
-      if (row.cells[k + 1].textContent !== words) row.cells[k + 1].textContent = words;
-    });
+    cells(row, [newton(now.tension_n[i]), newton(now.setpoint_n[i]), unitState(now, i)]);
   });
   faults(now.faults);
   curves.draw();
   scene.show(about?.rig, now);
   scene.draw();
+}
+
+function cells(row, all) {
+  all.forEach((words, k) => {
+    if (row.cells[k + 1].textContent !== words) row.cells[k + 1].textContent = words;
+  });
 }
 
 function unitState(now, i) {

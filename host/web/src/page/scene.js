@@ -18,9 +18,17 @@ export class Scene {
     });
   }
 
+  // `telemetry`: null where there is none that is of now.
   show(rig, telemetry) {
     this.rig = rig;
     this.telemetry = telemetry;
+  }
+
+  // What of it is known now, in words for a reader who does not see the picture, too.
+  get unknown() {
+    if (!this.telemetry) return "no data";
+    if (!this.telemetry.tip_m) return "tip not known";
+    return this.telemetry.force_n ? "" : "force not known";
   }
 
   draw() {
@@ -48,7 +56,10 @@ export class Scene {
       context.lineTo(...at(to));
       context.stroke();
     };
-    const tip = telemetry?.tip_m ?? rig.center_m;
+    // Without a place of the tip nothing ends there: a picture of the middle would pass for one.
+    const tip = telemetry?.tip_m ?? null;
+    const unknown = this.unknown;
+    this.canvas.dataset.unknown = unknown;
     context.strokeStyle = "#2c3640";
     context.lineWidth = 1;
     context.beginPath();
@@ -57,7 +68,7 @@ export class Scene {
     context.font = "bold 14px system-ui";
     rig.units.forEach((unit, i) => {
       const tension = telemetry?.tension_n[i] ?? 0;
-      line(unit.exit_m, tip, COLORS[i], 1 + Math.max(0, tension));
+      if (tip) line(unit.exit_m, tip, COLORS[i], 1 + Math.max(0, tension));
       const [x, y] = at(unit.exit_m);
       context.fillStyle = COLORS[i];
       context.fillText(`${i + 1}`, x + 5, y - 5);
@@ -68,7 +79,13 @@ export class Scene {
       context.fillStyle = "#9aa7b2";
       context.fillText(name, ...at(end));
     });
-    if (telemetry?.force_n) {
+    if (unknown) {
+      context.fillStyle = "#ff5c5c";
+      context.font = "bold 22px system-ui";
+      context.fillText(unknown, 12, 28);
+    }
+    if (!tip) return;
+    if (telemetry.force_n) {
       const end = tip.map((v, i) => v + ARROW_M_PER_N * telemetry.force_n[i]);
       line(tip, end, "#ffffff", 5);
       const [[x0, y0], [x1, y1]] = [at(tip), at(end)];
