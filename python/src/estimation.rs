@@ -196,7 +196,7 @@ impl Estimator {
     ) -> PyResult<String> {
         let mapping = mapping(mapping_file.as_deref())?;
         let model = &self.model;
-        let found = background::run(py, None, |_| {
+        let found = background::run(py, None, |watch| {
             let data = self.read(&data, &mapping, Label::Needed, any_robot)?;
             let rows = data.of(&trials);
             if rows.is_empty() {
@@ -206,7 +206,9 @@ impl Estimator {
                     data.trials()
                 ));
             }
-            evaluate::evaluate(model, &rows, &Replay::default()).map_err(|error| error.to_string())
+            let go_on = || watch.check();
+            evaluate::evaluate_while(model, &rows, &Replay::default(), &go_on)
+                .map_err(|error| error.to_string())
         })?
         .map_err(usage)?;
         Ok(json!(found.0).to_string())

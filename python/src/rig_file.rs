@@ -1,7 +1,8 @@
 //! A rig file: what its cables can do.
 
 use crate::{background, floats, refused, usage};
-use calibrate::workspace;
+use calibrate::workspace::{self, Feasible};
+use calibration::workspace::map::PoseReport;
 use force::allocation::{Allocator, Problem};
 use force::controller::{problem, Cables, Reach};
 use nalgebra::Vector3;
@@ -88,8 +89,8 @@ impl Rig {
             .filter(|across| (3..=41).contains(across))
             .ok_or_else(|| usage(format!("across is {across}, and has to be 3 to 41")))?;
         let options = workspace::Options { radius_m, across };
-        let found =
-            background::run(py, None, |_| workspace::report(rig, &options))?.map_err(usage)?;
+        let poses = workspace::poses(rig, &options);
+        let found = Feasible::of(&interruptible(py, rig, &poses)?);
         Ok(json!({"poses": found.poses, "least_n": found.least_n, "mean_n": found.mean_n, "along_n": found.along_n})
             .to_string())
     }
@@ -109,13 +110,37 @@ impl Rig {
                 "tip {at} is not finite: give positions in m"
             )));
         }
-        let found = background::run(py, None, |_| workspace::at(rig, &tips))?.map_err(usage)?;
+        let found = interruptible(py, rig, &tips)?;
         let rows: Vec<_> = found
             .iter()
             .map(|at| json!({"radius_n": at.radius_n, "along_n": at.along_n, "volume_n3": at.volume_n3}))
             .collect();
         Ok(json!(rows).to_string())
     }
+}
+
+/// Tips between two looks for Ctrl-C: some milliseconds.
+const TIPS_AT_ONCE: usize = 16;
+
+/// What is feasible at each of these tips, m; Ctrl-C ends it.
+fn interruptible(
+    py: Python<'_>,
+    rig: &rig::Rig,
+    tips: &[Vector3<f64>],
+) -> PyResult<Vec<PoseReport>> {
+    let found = background::run(py, None, |watch| {
+        if tips.is_empty() {
+            // Refused as the crate refuses it.
+            return workspace::at(rig, tips);
+        }
+        let mut found = Vec::new();
+        for some in tips.chunks(TIPS_AT_ONCE) {
+            watch.check();
+            found.extend(workspace::at(rig, some)?);
+        }
+        Ok(found)
+    })?;
+    found.map_err(usage)
 }
 
 impl Rig {

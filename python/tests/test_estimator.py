@@ -1,6 +1,8 @@
 """Estimators: trained, stored and run as `forcectl estimate` does."""
 
 import json
+import signal
+import threading
 
 import forcerig
 import numpy as np
@@ -117,3 +119,16 @@ def test_bad_data_are_refused(days, estimator, tmp_path):
     trial(1).assign(joint_effort_2=np.nan).to_parquet(tmp_path / "nan.parquet")
     with pytest.raises(forcerig.Refused, match="joint_effort_2"):
         train(tmp_path, MODEL)
+
+
+def test_ctrl_c_ends_an_evaluation(days):
+    found = forcerig.Estimator.train(days, MODEL, test=[4])
+    whole = found.evaluate(days, [1, 2, 3, 4])
+    # The exception comes from the call, before or while it computes: nothing of it is left behind.
+    timer = threading.Timer(0.0, lambda: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(KeyboardInterrupt):
+        timer.start()
+        for _ in range(10_000):
+            found.evaluate(days, [1, 2, 3, 4])
+    timer.join()
+    assert found.evaluate(days, [1, 2, 3, 4])["figures"] == whole["figures"]

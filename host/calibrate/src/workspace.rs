@@ -45,16 +45,29 @@ pub struct Feasible {
 /// # Errors
 /// The cables can't be: in a plane, a tip in an exit point.
 pub fn report(rig: &Rig, options: &Options) -> Result<Feasible> {
-    let poses = map::ball_grid(&rig.workspace.center_m, options.radius_m, options.across);
-    let found = at(rig, &poses).map_err(CalibrateError::refused)?;
-    let least =
-        |of: &dyn Fn(&PoseReport) -> f64| found.iter().map(of).fold(f64::INFINITY, f64::min);
-    Ok(Feasible {
-        poses: found.len(),
-        least_n: least(&|r| r.radius_n),
-        mean_n: found.iter().map(|r| r.radius_n).sum::<f64>() / found.len() as f64,
-        along_n: std::array::from_fn(|k| least(&|r| r.along_n[k].unwrap_or(f64::NEG_INFINITY))),
-    })
+    let found = at(rig, &poses(rig, options)).map_err(CalibrateError::refused)?;
+    Ok(Feasible::of(&found))
+}
+
+/// Poses of a ball about the workspace's centre, m, robot base frame.
+#[must_use]
+pub fn poses(rig: &Rig, options: &Options) -> Vec<Vector3<f64>> {
+    map::ball_grid(&rig.workspace.center_m, options.radius_m, options.across)
+}
+
+impl Feasible {
+    /// Of what was found at each pose.
+    #[must_use]
+    pub fn of(found: &[PoseReport]) -> Self {
+        let least =
+            |of: &dyn Fn(&PoseReport) -> f64| found.iter().map(of).fold(f64::INFINITY, f64::min);
+        Self {
+            poses: found.len(),
+            least_n: least(&|r| r.radius_n),
+            mean_n: found.iter().map(|r| r.radius_n).sum::<f64>() / found.len() as f64,
+            along_n: std::array::from_fn(|k| least(&|r| r.along_n[k].unwrap_or(f64::NEG_INFINITY))),
+        }
+    }
 }
 
 /// Feasible forces at these tips, m, robot base frame.

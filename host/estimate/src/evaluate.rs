@@ -137,7 +137,12 @@ pub struct Replay {
 }
 
 /// Replays each trial row by row, and counts every row.
-fn streamed(estimator: &Estimator, sequences: &[&Sequence], replay: &Replay) -> Streamed {
+fn streamed(
+    estimator: &Estimator,
+    sequences: &[&Sequence],
+    replay: &Replay,
+    go_on: &dyn Fn(),
+) -> Streamed {
     let mut stream = Stream::new(estimator);
     let (mut all, mut valid, mut early) = (Sum::default(), Sum::default(), Sum::default());
     let mut out = Streamed::default();
@@ -172,6 +177,7 @@ fn streamed(estimator: &Estimator, sequences: &[&Sequence], replay: &Replay) -> 
             &breaks,
             first,
             |k, before, force, sure| {
+                go_on();
                 if before != Before::Row {
                     out.never_valid += usize::from(waiting.is_some());
                     waiting = Some(0.0);
@@ -254,13 +260,28 @@ pub fn evaluate(
     sequences: &[&Sequence],
     replay: &Replay,
 ) -> Result<(Evaluation, Vec<Rows>), ModelError> {
+    evaluate_while(estimator, sequences, replay, &|| {})
+}
+
+/// The same for a caller that may want to end it: `go_on` is called before each trial and at each
+/// replayed row, and unwinds where the work is to end.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_while(
+    estimator: &Estimator,
+    sequences: &[&Sequence],
+    replay: &Replay,
+    go_on: &dyn Fn(),
+) -> Result<(Evaluation, Vec<Rows>), ModelError> {
     testable(sequences)?;
-    let trials = compare(
-        estimator.model(),
-        &estimator.base,
-        &estimator.axes,
-        sequences,
-    );
+    let by_trial = sequences.chunk_by(|a, b| a.trial == b.trial);
+    let trials: Vec<Rows> = by_trial
+        .flat_map(|trial| {
+            go_on();
+            compare(estimator.model(), &estimator.base, &estimator.axes, trial)
+        })
+        .collect();
     let Some(longest) = sequences.iter().max_by_key(|s| s.rows()) else {
         return Err(ModelError::Data("there is no trial to test on".to_owned()));
     };
@@ -321,7 +342,7 @@ pub fn evaluate(
         },
         figures,
         step,
-        stream: Some(streamed(estimator, sequences, replay)),
+        stream: Some(streamed(estimator, sequences, replay, go_on)),
     };
     Ok((evaluation, trials))
 }
