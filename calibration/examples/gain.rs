@@ -17,8 +17,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let readings = gain::read(&path, &text)?;
     let found = gain::fit(&readings, &Options::default())?;
     println!(
-        "{:.5e} N per code, +- {:.3} % (95 %), from {} readings",
+        "{:.5e} N per code, +- {:.3} % (95 %; {:.3} % up to 12 N), from {} readings",
         found.n_per_code,
+        100.0 * found.within_half_95 / found.n_per_code.abs(),
         100.0 * found.n_per_code_half_95 / found.n_per_code.abs(),
         readings.len()
     );

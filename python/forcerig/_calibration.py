@@ -24,7 +24,9 @@ class Gain:
     n_per_code_sd: float
     """Its standard uncertainty, everything included, N per code."""
     n_per_code_half_95: float
-    """Half width of its 95 % interval, N per code."""
+    """Half width of its 95 % interval for forces up to 12 N, N per code."""
+    within_half_95: float
+    """The same for forces that the weights reach, N per code."""
     n_per_code2: float
     """Quadratic term, N per code^2; 0 for a straight cell."""
     zero_code: float

@@ -74,7 +74,7 @@ pub fn gain(name: &str, text: &str, choice: Choice) -> PyResult<String> {
         .collect();
     Ok(json!({
         "n_per_code": found.n_per_code, "n_per_code_sd": found.n_per_code_sd,
-        "n_per_code_half_95": found.n_per_code_half_95,
+        "n_per_code_half_95": found.n_per_code_half_95, "within_half_95": found.within_half_95,
         "n_per_code2": conversion.n_per_code2, "zero_code": found.zero_code, "zero_code_se": found.zero_code_se,
         "curve_per_n": curve.map(|curve| curve.value / found.codes_per_n),
         "creep": found.creep.map(|c| c.share), "creep_s": found.creep.map(|c| c.time_s),

@@ -22,7 +22,7 @@ def test_the_gain_is_that_of_the_command(tmp_path, forcectl):
     rows = [f"{weight!r},{code!r},5.0" for weight, code in zip(WEIGHTS_G.tolist(), readings.tolist())]
     (tmp_path / "readings.csv").write_text("\n".join(["weight_g,code,standard_error", *rows]) + "\n")
     command = forcectl.json("calibrate", "gain", "--unit", "1", "--readings", "readings.csv", "--replace")["gains"][0]
-    for key in ("n_per_code", "n_per_code_half_95", "linearity_n", "repeatability_n", "chi_square", "parts_relative"):
+    for key in ("n_per_code", "n_per_code_half_95", "within_half_95", "linearity_n", "repeatability_n", "chi_square", "parts_relative"):
         assert command[key] == pytest.approx(getattr(found, key), rel=1e-12), key
     # A local gravity is as sure as the command takes it.
     command = forcectl.json(

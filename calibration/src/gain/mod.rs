@@ -53,6 +53,7 @@ use creep::CreepTerm;
 use least_squares::{
     design, mean_temperature, own_covariance, solve, weight_covariance, Model, Solution,
 };
+use nalgebra::{DMatrix, DVector};
 use reading::{different_weights, usable};
 use std::collections::BTreeMap;
 
@@ -192,8 +193,12 @@ pub struct Gain {
     pub n_per_code: f64,
     /// Standard uncertainty of the scale, everything included, N per code.
     pub n_per_code_sd: f64,
-    /// Half width of the 95 % interval of the scale, N per code.
+    /// Half width of the 95 % interval of the scale for forces up to [`LARGEST_FORCE_N`], N per
+    /// code. Wide on purpose for a cell that is straight: nobody knows that it is, beyond the
+    /// weights.
     pub n_per_code_half_95: f64,
+    /// The same for forces that the weights reach: without [`UncertaintyParts::beyond`].
+    pub within_half_95: f64,
     /// Relative standard uncertainties of the scale: from the readings, from the weights, from
     /// gravity.
     pub relative_parts: UncertaintyParts,
@@ -231,8 +236,8 @@ pub struct UncertaintyParts {
     pub weights: f64,
     /// Local gravity, and the air.
     pub gravity: f64,
-    /// Forces beyond the largest weight: a curve that the readings can't exclude, at
-    /// [`LARGEST_FORCE_N`].
+    /// Forces beyond the largest weight: the curve, by its error or as far as the readings don't
+    /// exclude one, at [`LARGEST_FORCE_N`].
     pub beyond: f64,
     /// The next mounting of the cell, by the scatter of the scale from one to the next; 0 where it
     /// was mounted once.
@@ -245,11 +250,16 @@ impl UncertaintyParts {
     /// All parts together.
     #[must_use]
     pub fn combined(&self) -> f64 {
+        self.within().hypot(self.beyond)
+    }
+
+    /// All parts for forces that the weights reach.
+    #[must_use]
+    pub fn within(&self) -> f64 {
         [
             self.readings,
             self.weights,
             self.gravity,
-            self.beyond,
             self.remounting,
             self.pulley,
         ]
@@ -281,27 +291,57 @@ pub const LARGEST_FORCE_N: f64 = 12.0;
 /// the cells that the correction was made for (docs/calibration/cells.md).
 pub const CURVE_SD_PER_N: f64 = 4e-3;
 
-/// Relative standard uncertainty of the force at [`LARGEST_FORCE_N`] from a curve that readings up
-/// to a smaller load don't exclude.
+/// What the relative variance of the force at [`LARGEST_FORCE_N`] has more than that of the slope:
+/// by the curve of the cell, as far as the readings tell it. As a standard deviation.
+///
+/// A curve that was fitted has an error, which goes with that of the slope. One that was not makes
+/// a chord of the straight line: it cuts the curve where the force is `chord_n`, and at a force F
+/// it is off by `curve (chord_n - F)`. That curve is known by the readings and by
+/// [`CURVE_SD_PER_N`]; what counts is its mean square, since the line takes it as 0.
 fn beyond(used: &[Reading], options: &Options, model: &Model, solution: &Solution) -> f64 {
     let slope = solution.beta[1];
-    let largest_n = options.force_n(held_g(used));
-    let mut sd_per_n = CURVE_SD_PER_N;
     let at = |model: &Model| model.terms.iter().position(|term| *term == Term::Quadratic);
-    let of = |model: &Model, solution: &Solution| {
-        at(model).map(|i| (solution.coefficient(2 + i).standard_error / slope).abs())
-    };
-    let seen = of(model, solution).or_else(|| {
-        let mut curved = model.clone();
-        curved.terms.push(Term::Quadratic);
-        let found =
-            (different_weights(used) >= 4).then(|| solve(used, options, &curved).ok())??;
-        of(&curved, &found)
-    });
-    if let Some(seen) = seen.filter(|sd| sd.is_finite()) {
-        sd_per_n = (sd_per_n.powi(-2) + seen.powi(-2)).sqrt().recip();
+    if let Some(i) = at(model).map(|i| 2 + i) {
+        let by_force = |slope_part: f64| {
+            let mut coefficients = DVector::zeros(solution.beta.len());
+            coefficients[1] = 1.0;
+            coefficients[i] = slope_part;
+            let (own, weights) = variances(solution, options, &coefficients);
+            own + weights
+        };
+        let steeper = 1.0 + 2.0 * LARGEST_FORCE_N * solution.beta[i] / slope;
+        let more = by_force(LARGEST_FORCE_N) / steeper.powi(2) - by_force(0.0);
+        return (more.max(0.0).sqrt() / slope).abs();
     }
-    sd_per_n * (LARGEST_FORCE_N - largest_n).max(0.0)
+    let largest_n = options.force_n(held_g(used));
+    let prior = CURVE_SD_PER_N.powi(2);
+    let (mut square, mut chord_n) = (prior, largest_n);
+    let mut curved = model.clone();
+    curved.terms.push(Term::Quadratic);
+    let found = (different_weights(used) >= 4).then(|| solve(used, options, &curved).ok());
+    if let (Some(found), Some(i)) = (found.flatten(), at(&curved).map(|i| 2 + i)) {
+        let curve = found.beta[i] / slope;
+        let seen = found.covariance[(i, i)] / slope.powi(2);
+        let chord = -found.covariance[(1, i)] / found.covariance[(i, i)];
+        if seen.is_finite() && chord.is_finite() {
+            let known = prior / (prior + seen);
+            square = known * seen + (known * curve).powi(2);
+            chord_n = chord;
+        }
+    }
+    square.sqrt() * (LARGEST_FORCE_N - chord_n).abs()
+}
+
+/// Variance of a sum of a fit's coefficients with these factors, from the readings and from the
+/// weights. The estimator takes the errors of the weights as independent. With a correlation r, a
+/// part r of their variance is of one error that all share.
+fn variances(solution: &Solution, options: &Options, factors: &DVector<f64>) -> (f64, f64) {
+    let of = |covariance: &DMatrix<f64>| (factors.transpose() * covariance * factors)[0];
+    let own = of(&solution.from_readings);
+    let apart = (of(&solution.covariance) - own).max(0.0);
+    let shared = factors.dot(&solution.from_shared_weights).powi(2);
+    let r = options.weights.correlation;
+    (own, (1.0 - r) * apart + r * shared)
 }
 
 /// Mountings beside the first, and the relative standard uncertainty of the scale in a further one:
@@ -614,29 +654,27 @@ fn finish(
             off_n: off_n(worst),
         });
     }
-    let own = solution.from_readings[(1, 1)];
-    // The estimator takes the errors of the weights as independent. With a correlation r, a part r
-    // of their variance is of one error that all share.
-    let (apart, shared) = (
-        (solution.covariance[(1, 1)] - own).max(0.0),
-        solution.from_shared_weights[1].powi(2),
-    );
-    let r = options.weights.correlation;
+    let mut of_slope = DVector::zeros(solution.beta.len());
+    of_slope[1] = 1.0;
+    let (own, weights) = variances(solution, options, &of_slope);
     let (further, remounting) = remounting(model, solution);
     let parts = UncertaintyParts {
         readings: own.sqrt() / slope.abs(),
-        weights: ((1.0 - r) * apart + r * shared).sqrt() / slope.abs(),
+        weights: weights.sqrt() / slope.abs(),
         gravity: options.place_relative_sd(),
         beyond: beyond(used, options, model, solution),
         remounting,
         pulley: options.pulley_relative_sd(),
     };
-    let relative = parts.combined();
     // Welch and Satterthwaite (GUM G.4).
-    let dof = relative.powi(4)
-        / (parts.readings.powi(4) / solution.dof as f64
-            + parts.remounting.powi(4) / further.max(1) as f64);
-    let coverage = stats::student_quantile(0.975, dof);
+    let coverage = |relative: f64| {
+        let dof = relative.powi(4)
+            / (parts.readings.powi(4) / solution.dof as f64
+                + parts.remounting.powi(4) / further.max(1) as f64);
+        stats::student_quantile(0.975, dof)
+    };
+    let relative = parts.combined();
+    let within = parts.within();
     let sd_of = |r: &Reading| {
         let weight = options.weight_sd_n(r.weight_g) * slope;
         (r.standard_error_codes.powi(2) + solution.repeatability.powi(2) + weight * weight).sqrt()
@@ -644,7 +682,8 @@ fn finish(
     Ok(Gain {
         n_per_code,
         n_per_code_sd: relative * n_per_code.abs(),
-        n_per_code_half_95: coverage * relative * n_per_code.abs(),
+        n_per_code_half_95: coverage(relative) * relative * n_per_code.abs(),
+        within_half_95: coverage(within) * within * n_per_code.abs(),
         relative_parts: parts,
         zero_code: solution.beta[0],
         zero_code_se: solution.covariance[(0, 0)].sqrt(),

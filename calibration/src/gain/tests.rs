@@ -78,7 +78,7 @@ fn intervals_cover_the_truth() {
     for seed in 0..300 {
         let gain = fit(&series(seed, 1e-3, 60.0, straight), &options()).unwrap();
         let error = gain.n_per_code - 1.0 / CODES_PER_N;
-        hits += u32::from(error.abs() < gain.n_per_code_half_95);
+        hits += u32::from(error.abs() < gain.within_half_95);
         within += u32::from(error.abs() * CODES_PER_N < 1.5e-3);
     }
     // Binomial(300, 0.95): 285 +- 3.8; 4 standard deviations.
@@ -121,7 +121,7 @@ fn an_error_that_the_set_shares_is_in_the_interval() {
             }
             let gain = fit(&readings, &options).unwrap();
             (gain.n_per_code * CODES_PER_N - 1.0).abs() * gain.n_per_code.signum()
-                < gain.n_per_code_half_95 * CODES_PER_N
+                < gain.within_half_95 * CODES_PER_N
         });
         hits.count()
     };

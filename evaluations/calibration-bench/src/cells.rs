@@ -3,12 +3,10 @@
 use crate::scene::normal as gauss;
 use crate::tally::Tally;
 use crate::{GRAVITY_SD, WEIGHT_LIMIT};
-use calibration::gain::{
-    self, Direction, Gain, Reading, Tolerance, UncertaintyParts, WeightSet, WEIGHTS_G,
-};
+use calibration::gain::{self, Direction, Gain, Reading, Term, Tolerance, WeightSet, WEIGHTS_G};
 use calibration::input::Location;
 use calibration::zero::{self, Limits};
-use calibration::{gravity, stats, STANDARD_GRAVITY_M_PER_S2};
+use calibration::{gravity, STANDARD_GRAVITY_M_PER_S2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -25,13 +23,18 @@ struct Cell {
 /// Errors of gains and zeros.
 #[derive(Debug, Clone, Default)]
 pub struct CellFigures {
-    /// Relative error of the gain.
+    /// Relative error of the gain; intervals are those for forces that the weights reach.
     pub gain: Tally,
-    /// The same with intervals that allow for nothing beyond the largest weight.
-    pub gain_within: Tally,
+    /// The same with the intervals for forces up to 12 N.
+    pub gain_to_largest: Tally,
     /// Relative error of a force of 12 N on a cell whose curve is drawn from what the fit assumes
-    /// of cells: one cell a draw.
+    /// of cells, with weights whose errors are normally distributed: six cells a draw.
     pub gain_beyond: Tally,
+    /// Of the intervals of [`Self::gain_beyond`], those with a curve in the fit: held, of how many.
+    pub curve_fitted: (usize, usize),
+    /// As [`Self::gain_beyond`] with the weights of [`Self::gain`], any error within the limits
+    /// equally likely.
+    pub gain_beyond_rectangular: Tally,
     /// Error of the zero, N.
     pub zero: Tally,
     /// Series in which an entry was called wrong, though none was.
@@ -52,7 +55,7 @@ pub fn cells(draws: u64) -> CellFigures {
     for draw in 0..draws {
         let mut rng = ChaCha8Rng::seed_from_u64(0xCE11 + draw);
         out.gain.new_draw();
-        out.gain_within.new_draw();
+        out.gain_to_largest.new_draw();
         out.gain_beyond.new_draw();
         out.zero.new_draw();
         // One set of weights and one place for all units.
@@ -76,10 +79,9 @@ pub fn cells(draws: u64) -> CellFigures {
                 Ok(found) => {
                     let error = found.n_per_code - cell.n_per_code;
                     out.gain.add(error.abs() / cell.n_per_code);
-                    out.gain.interval(error.abs() < found.n_per_code_half_95);
-                    out.gain_within.add(error.abs() / cell.n_per_code);
-                    let half = half_95_within(&found) * cell.n_per_code;
-                    out.gain_within.interval(error.abs() < half);
+                    out.gain.interval(error.abs() < found.within_half_95);
+                    out.gain_to_largest.add(error.abs() / cell.n_per_code);
+                    (out.gain_to_largest).interval(error.abs() < found.n_per_code_half_95);
                     *gain = Some((found, cell.n_per_code));
                 }
                 Err(_) => {
@@ -106,27 +108,32 @@ pub fn cells(draws: u64) -> CellFigures {
                 }
             }
         }
-        curved(&weights, gravity, &mut rng, &mut out.gain_beyond);
+        out.gain_beyond_rectangular.new_draw();
+        for _ in 0..6 {
+            // The same standard uncertainty.
+            let normal: Vec<f64> = WEIGHTS_G
+                .iter()
+                .map(|w| w * (1.0 + WEIGHT_LIMIT / 3f64.sqrt() * gauss(&mut rng)))
+                .collect();
+            let (tally, fitted) = (&mut out.gain_beyond, &mut out.curve_fitted);
+            curved(&normal, gravity, &mut rng, tally, fitted);
+            let tally = &mut out.gain_beyond_rectangular;
+            curved(&weights, gravity, &mut rng, tally, &mut (0, 0));
+        }
         out.gains.push(gains);
         out.zeros.push(zeros);
     }
     out
 }
 
-/// Half of the 95 % interval of a scale, relative, without the part for forces beyond the largest
-/// weight.
-fn half_95_within(gain: &Gain) -> f64 {
-    let parts = UncertaintyParts {
-        beyond: 0.0,
-        ..gain.relative_parts
-    };
-    let relative = parts.combined();
-    let dof = gain.degrees_of_freedom as f64 * (relative / parts.readings).powi(4);
-    stats::student_quantile(0.975, dof) * relative
-}
-
 /// A force of 12 N by a cell that is curved by as much as the fit assumes of cells.
-fn curved(weights: &[f64], gravity: f64, rng: &mut ChaCha8Rng, out: &mut Tally) {
+fn curved(
+    weights: &[f64],
+    gravity: f64,
+    rng: &mut ChaCha8Rng,
+    out: &mut Tally,
+    fitted: &mut (usize, usize),
+) {
     let n_per_code = rng.random_range(6.2e-6..7.3e-6);
     let cell = Cell {
         n_per_code,
@@ -140,7 +147,12 @@ fn curved(weights: &[f64], gravity: f64, rng: &mut ChaCha8Rng, out: &mut Tally) 
         Ok(found) => {
             let error = (found.force_n(code) / largest - 1.0).abs();
             out.add(error);
-            out.interval(error < found.n_per_code_half_95 / found.n_per_code);
+            let holds = error < found.n_per_code_half_95 / found.n_per_code;
+            out.interval(holds);
+            if found.terms.contains_key(&Term::Quadratic) {
+                fitted.0 += usize::from(holds);
+                fitted.1 += 1;
+            }
         }
         Err(_) => out.refused(),
     }

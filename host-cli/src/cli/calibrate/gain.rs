@@ -250,7 +250,7 @@ impl Gain {
             }
         }
         let kept = bench.keep(context)?;
-        let mut text = "unit      N per code    +- 95 %   readings   weights   gravity    beyond   linearity   hysteresis   change\n".to_owned();
+        let mut text = "unit      N per code    +- 95 %   to 12 N   readings   weights   gravity    beyond   linearity   hysteresis   change\n".to_owned();
         let mut rows = Vec::new();
         for (unit, found) in &fitted {
             let g = &found.gain;
@@ -263,8 +263,9 @@ impl Gain {
             let hysteresis = found.shape.hysteresis.map(|h| 1e3 * h.largest_n);
             row!(
                 text,
-                "{unit:>4} {:>15.6e} {:>8.3} % {:>8.3} % {:>7.3} % {:>7.3} % {:>7.3} % {:>8.1} mN {:>9} mN {change:>+7.2} %",
+                "{unit:>4} {:>15.6e} {:>8.3} % {:>7.3} % {:>8.3} % {:>7.3} % {:>7.3} % {:>7.3} % {:>8.1} mN {:>9} mN {change:>+7.2} %",
                 g.n_per_code,
+                100.0 * g.within_half_95 / g.n_per_code.abs(),
                 100.0 * g.n_per_code_half_95 / g.n_per_code.abs(),
                 100.0 * g.relative_parts.readings,
                 100.0 * g.relative_parts.weights,
@@ -324,7 +325,7 @@ impl Gain {
             context
                 .output
                 .note(&format!("residuals: {}", path.display()));
-            rows.push(json!({"unit": unit, "n_per_code": g.n_per_code, "n_per_code_half_95": g.n_per_code_half_95,
+            rows.push(json!({"unit": unit, "n_per_code": g.n_per_code, "n_per_code_half_95": g.n_per_code_half_95, "within_half_95": g.within_half_95,
                 "n_per_code2": g.conversion().n_per_code2,
                 "curve_per_n": g.terms.get(&Term::Quadratic).map(|curve| curve.value / g.codes_per_n), "creep": g.creep.map(|c| c.share),
                 "creep_s": g.creep.map(|c| c.time_s), "curve_on_board": in_force.curve.pays, "creep_on_board": in_force.creep.pays,
