@@ -218,6 +218,58 @@ fn the_procedure_of_iso_376_finds_what_the_cells_do() {
     }
 }
 
+/// A weight on a free tip checks what a weight on the cells can't: where the cables leave the
+/// reels.
+#[test]
+fn a_weight_on_the_tip_checks_the_calibration_as_a_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = "--link fast --seed 5 --yes";
+    let place = "--gravity 9.80665";
+    for step in [
+        "geometry --touches 3",
+        &format!("gain --creep 0 {place}"),
+        "zero",
+    ] {
+        expect(folder.path(), &format!("calibrate {step} {here}"), 0, &[]);
+    }
+    let check = |more: &str, code: i32, expected: &[&str]| {
+        let line = format!("--json calibrate check --at tip {place} {here} {more}");
+        let said = expect(folder.path(), &line, code, expected);
+        serde_json::from_str::<Value>(&said.out).unwrap()
+    };
+    let found = check("", 0, &[]);
+    let row = &found["checks"][0];
+    let of = |key: &str| row[key].as_f64().unwrap();
+    assert!(row["holds"] == true && of("en").abs() <= 1.0, "{found}");
+    assert!((of("force_n") - 4.903).abs() < 0.01, "{found}");
+    // Calibration and pose leave some tens of millinewtons.
+    assert!((0.001..0.1).contains(&of("uncertainty_95_n")), "{found}");
+    // 10 g less than what is said, and a place of the tip that is less well known.
+    let wrong = check("--inject weight=500:490", 6, &[]);
+    assert_eq!(wrong["checks"][0]["holds"], false);
+    let wide = check("--inject weight=500:490 --pose-sd 5", 0, &[]);
+    assert_eq!(wide["checks"][0]["holds"], true);
+    let said = expect(
+        folder.path(),
+        "calibrate certificate --link fast --seed 5",
+        0,
+        &[],
+    );
+    assert!(said.out.contains("certificate.html"), "{said:?}");
+    let page = std::fs::read_to_string(folder.path().join("forcectl-out/certificate.html"));
+    let page = page.unwrap();
+    let rows = page.matches("<td>tip</td><td>500</td>").count();
+    assert_eq!(rows, 3);
+    for (more, expected) in [
+        ("--unit 2", "--unit is for a weight on the cells"),
+        ("--duration 8", "give at least 15 s"),
+        ("--weight 1500", "above the rig's limit"),
+    ] {
+        let line = format!("calibrate check --at tip {here} {more}");
+        expect(folder.path(), &line, 2, &[expected]);
+    }
+}
+
 #[test]
 fn values_that_can_not_be_are_refused_and_nothing_is_stored() {
     let folder = tempfile::tempdir().unwrap();

@@ -428,6 +428,15 @@ impl Record {
         files::sha256_of(gains.join("\n"))
     }
 
+    /// SHA-256 of what makes a force at the tip of codes: gains, exit points and axes.
+    #[must_use]
+    pub fn tip_hash(&self) -> String {
+        let places: Vec<String> = (self.units.iter())
+            .map(|u| format!("{:?} {:?}", u.exit_m, u.axis))
+            .collect();
+        files::sha256_of(format!("{}\n{}", self.gains_hash(), places.join("\n")))
+    }
+
     fn check(&self, lines: &Lines<'_>) -> Result<(), RecordError> {
         let fail = |unit: Option<usize>, key: &str, problem: &str| -> Result<(), RecordError> {
             Err(RecordError::Value {

@@ -216,6 +216,9 @@ pub enum Injection {
     BrownOutLevel(u8),
     /// What holds DAC_RST while the controller does not drive it.
     DacResetPull(DacResetPull),
+    /// Takes the tip off the robot, which stands, and hangs a weight of so many newtons on it, ring
+    /// included: the cables alone carry it from now on.
+    HangOnTip(f64),
 }
 
 /// What holds DAC_RST while the controller does not drive it.

@@ -69,6 +69,13 @@ pub enum InputError {
         /// Number of the unit, counted from 0.
         unit: usize,
     },
+    /// No weight hangs so: it is negative or not finite, or there is no gravity.
+    NotAWeight {
+        /// Weight given, N.
+        newtons: f64,
+    },
+    /// A model of a robot holds the tip and does not let it go.
+    TipIsHeld,
 }
 
 impl fmt::Display for InputError {
@@ -84,6 +91,13 @@ impl fmt::Display for InputError {
             Self::NotAVoltage { unit } => write!(
                 f,
                 "unit {unit}: the amplifier voltage is not a finite number; 0 V taken instead"
+            ),
+            Self::NotAWeight { newtons } => {
+                write!(f, "a weight of {newtons} N can't hang on the tip")
+            }
+            Self::TipIsHeld => write!(
+                f,
+                "a robot model holds the tip and does not let it go: use a rig whose tip follows a path"
             ),
         }
     }

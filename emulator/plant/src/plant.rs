@@ -6,7 +6,7 @@ use crate::error::{ConfigError, InputError};
 use crate::geometry::nominal_geometry;
 use crate::tip::{Tip, TipModel};
 use crate::unit::{Shared, Unit, UnitParameters};
-use crate::vector::{add, scale, Vec3};
+use crate::vector::{add, norm, scale, Vec3};
 use serde::Serialize;
 
 /// An input that takes effect at a grid point.
@@ -253,6 +253,31 @@ impl Plant {
         if let Some(unit) = self.units.get_mut(unit) {
             unit.hang(newtons);
         }
+    }
+
+    /// Takes the tip off the robot, which stands where it is, and hangs a weight of so many newtons
+    /// on it, ring included, in place of the one before: the cables alone carry it from now on.
+    ///
+    /// # Errors
+    /// Negative or not finite, no gravity, or a model holds the tip ([`Plant::with_robot`]):
+    /// nothing changes.
+    pub fn hang_on_tip(&mut self, newtons: f64) -> Result<(), InputError> {
+        let gravity = self.config.load_cell.gravity_m_per_s2;
+        let size = norm(gravity);
+        if !(newtons.is_finite() && newtons >= 0.0 && size > 0.0) {
+            return Err(InputError::NotAWeight { newtons });
+        }
+        if !self.tip.let_go(newtons, size) {
+            return Err(InputError::TipIsHeld);
+        }
+        self.weight_n = scale(gravity, newtons / size);
+        Ok(())
+    }
+
+    /// Position and velocity of the tip as the robot reports them, m and m/s. It does not see a tip
+    /// that it has let go ([`Plant::hang_on_tip`]).
+    pub fn robot_says(&self) -> (Vec3, Vec3) {
+        self.tip.robot_says()
     }
 
     /// Cable tension, N, never negative.

@@ -28,6 +28,42 @@ pub trait TipModel: Any + Debug + Send {
     fn boxed_clone(&self) -> Box<dyn TipModel>;
 }
 
+/// A ring that no robot holds: it hangs in the cables, with a weight on it.
+#[derive(Clone, Debug)]
+struct Loose {
+    mass_kg: f64,
+    position_m: Vec3,
+    velocity_m_per_s: Vec3,
+}
+
+/// Least mass of what hangs in the cables, kg: the ring in which they end (estimate).
+const RING_KG: f64 = 0.010;
+/// Damping of the ring, N s/m. A weight of 500 g swings out within a second (estimate: friction of
+/// the cord and the hand that steadies it).
+const RING_DAMPING_N_S_PER_M: f64 = 2.0;
+
+impl TipModel for Loose {
+    fn step(&mut self, h_s: f64, _moving: bool, force_n: Vec3) {
+        // Implicit in the damping, which a light ring with a long step would overshoot.
+        let damped = 1.0 / (1.0 + RING_DAMPING_N_S_PER_M * h_s / self.mass_kg);
+        let pushed = add(self.velocity_m_per_s, scale(force_n, h_s / self.mass_kg));
+        self.velocity_m_per_s = scale(pushed, damped);
+        self.position_m = add(self.position_m, scale(self.velocity_m_per_s, h_s));
+    }
+
+    fn position_m(&self) -> Vec3 {
+        self.position_m
+    }
+
+    fn velocity_m_per_s(&self) -> Vec3 {
+        self.velocity_m_per_s
+    }
+
+    fn boxed_clone(&self) -> Box<dyn TipModel> {
+        Box::new(self.clone())
+    }
+}
+
 /// `amplitude sin(omega s + phase)`.
 #[derive(Clone, Debug)]
 struct Sinusoid {
@@ -196,6 +232,8 @@ pub(crate) struct Tip {
 enum Holder {
     Path(Box<PathTip>),
     Model(Box<dyn TipModel>),
+    /// Nothing; beside it where the robot let go, m.
+    Nothing(Loose, Vec3),
 }
 
 impl Clone for Tip {
@@ -204,6 +242,7 @@ impl Clone for Tip {
             holder: match &self.holder {
                 Holder::Path(path) => Holder::Path(path.clone()),
                 Holder::Model(model) => Holder::Model(model.boxed_clone()),
+                Holder::Nothing(ring, robot_m) => Holder::Nothing(ring.clone(), *robot_m),
             },
             ..*self
         }
@@ -233,8 +272,33 @@ impl Tip {
     /// The model, where one moves the tip.
     pub fn model_mut(&mut self) -> Option<&mut dyn TipModel> {
         match &mut self.holder {
-            Holder::Path(_) => None,
+            Holder::Path(_) | Holder::Nothing(..) => None,
             Holder::Model(model) => Some(model.as_mut()),
+        }
+    }
+
+    /// Lets the tip go, with a weight of so many newtons, or exchanges that weight. `false`: a model
+    /// holds the tip, and keeps it.
+    pub fn let_go(&mut self, weight_n: f64, gravity_m_per_s2: f64) -> bool {
+        let robot_m = match self.holder {
+            Holder::Model(_) => return false,
+            Holder::Path(_) => self.position_m,
+            Holder::Nothing(_, robot_m) => robot_m,
+        };
+        let ring = Loose {
+            mass_kg: (weight_n / gravity_m_per_s2).max(RING_KG),
+            position_m: self.position_m,
+            velocity_m_per_s: self.velocity_m_per_s,
+        };
+        self.holder = Holder::Nothing(ring, robot_m);
+        true
+    }
+
+    /// Where the robot says that its tip is and how fast it is: it stands where it let the tip go.
+    pub fn robot_says(&self) -> (Vec3, Vec3) {
+        match self.holder {
+            Holder::Nothing(_, robot_m) => (robot_m, [0.0; 3]),
+            _ => (self.position_m, self.velocity_m_per_s),
         }
     }
 
@@ -251,6 +315,11 @@ impl Tip {
                 model.step(h_s, moving, force_n);
                 self.position_m = model.position_m();
                 self.velocity_m_per_s = model.velocity_m_per_s();
+            }
+            Holder::Nothing(ring, _) => {
+                ring.step(h_s, moving, force_n);
+                self.position_m = ring.position_m;
+                self.velocity_m_per_s = ring.velocity_m_per_s;
             }
         }
     }

@@ -331,3 +331,42 @@ fn runs_of_one_rig_differ_in_the_path_and_not_in_the_rig() {
     plain.advance_to(3_000_000_000);
     assert_eq!(plain.tip_position_m(), first);
 }
+
+#[test]
+fn a_weight_on_a_free_tip_is_carried_by_the_cables_and_the_robot_does_not_see_it() {
+    const WEIGHT_N: f64 = 2.0;
+    let mut plant = Plant::new(PlantConfig::default(), 3).unwrap();
+    plant.set_amplifier_power(true);
+    for unit in 0..6 {
+        plant.set_amplifier_volts(unit, 0.3).unwrap();
+    }
+    plant.advance_to(1_000_000_000);
+    let (stands_m, _) = plant.robot_says();
+    assert_eq!(stands_m, plant.tip_position_m());
+    let pull = |plant: &Plant| {
+        let truth = plant.truth();
+        (0..6).fold([0.0; 3], |sum: [f64; 3], i| {
+            let (d, t) = (truth.units[i].cable_direction, plant.tension_n(i));
+            [sum[0] + t * d[0], sum[1] + t * d[1], sum[2] + t * d[2]]
+        })
+    };
+    let before = pull(&plant);
+    plant.hang_on_tip(WEIGHT_N).unwrap();
+    plant.advance_to(11_000_000_000);
+    let carried = pull(&plant);
+    for (axis, expected) in [0.0, 0.0, WEIGHT_N].into_iter().enumerate() {
+        assert!((carried[axis] - expected).abs() < 1e-3, "{carried:?}");
+    }
+    // The reels' friction holds most of the change.
+    assert!((before[2] - carried[2]).abs() > 0.5, "{before:?}");
+    assert_eq!(plant.robot_says(), (stands_m, [0.0; 3]));
+    assert!(plant.tip_position_m()[2] < stands_m[2]);
+    // Another weight takes the place of this one.
+    plant.hang_on_tip(0.5).unwrap();
+    plant.advance_to(21_000_000_000);
+    assert!((pull(&plant)[2] - 0.5).abs() < 1e-3);
+    for bad in [-1.0, f64::NAN, f64::INFINITY] {
+        let told = plant.hang_on_tip(bad);
+        assert!(matches!(told, Err(InputError::NotAWeight { .. })));
+    }
+}

@@ -51,6 +51,10 @@ impl Board {
                 self.pull_n[unit] = newtons;
                 self.plant.hang_on_cell(unit, newtons);
             }
+            Injection::HangOnTip(newtons) => {
+                self.advance_plant(now);
+                (self.plant.hang_on_tip(newtons)).map_err(|error| error.to_string())?;
+            }
             Injection::FreezeEncoder(number, frozen) => {
                 let unit = unit(number)?;
                 self.advance_plant(now);

@@ -368,9 +368,10 @@ impl Board {
     /// The robot's pose as its own controller reports it.
     #[must_use]
     pub fn pose(&self) -> Pose {
+        let (position_m, velocity_m_s) = self.plant.robot_says();
         Pose {
-            position_m: self.plant.tip_position_m(),
-            velocity_m_s: self.plant.tip_velocity_m_per_s(),
+            position_m,
+            velocity_m_s,
         }
     }
 

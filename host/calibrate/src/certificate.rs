@@ -410,7 +410,7 @@ fn checked(out: &mut String, checks: &[Check]) {
         .map(|check| {
             vec![
                 check.date.clone(),
-                check.unit.to_string(),
+                check.what(),
                 format!("{}", check.weight_g),
                 format!("{:+.1}", 1e3 * (check.measured_n - check.force_n)),
                 format!("{:.1}", 1e3 * check.uncertainty_95_n),
@@ -428,7 +428,7 @@ fn checked(out: &mut String, checks: &[Check]) {
         out,
         &[
             "date",
-            "unit",
+            "where",
             "weight, g",
             "off, mN",
             "U, mN",
@@ -502,7 +502,7 @@ mod tests {
         });
         let check = Check {
             date: "2026-04-01".to_owned(),
-            unit: 3,
+            unit: Some(3),
             weight_g: 500.0,
             force_n: 4.9,
             measured_n: 4.93,

@@ -10,6 +10,7 @@
 //! | gains from weights; when a weight was hung | [`weights`], [`load_time`] |
 //! | exit points and axes from a digitizer | [`points`] |
 //! | the same from a moving tip | [`moving`] |
+//! | a known weight on a tip that hangs in the cables | [`floating`] |
 //! | exchanged exit points, a mirrored or turned frame | [`frame`] |
 //! | who stands in for weights and digitizer on an emulated rig | [`standin`] |
 //! | which forces are feasible where | [`workspace`] |
@@ -18,6 +19,7 @@
 
 pub mod cells;
 pub mod certificate;
+pub mod floating;
 pub mod frame;
 pub mod load_time;
 pub mod moving;

@@ -104,13 +104,8 @@ fn opened(rig: &Rig, seconds: f64) -> Result<Rig, RunError> {
         }
         .into());
     }
-    let mut open = rig.clone();
-    for unit in &mut open.units {
-        unit.kp = 0.0;
-        unit.ki_per_s = 0.0;
-        unit.kd_s = 0.0;
-        unit.damping_n_s_per_m = 0.0;
-        unit.friction_feedforward = false;
+    let open = rig.with_open_loops();
+    for unit in &open.units {
         if unit.enabled && sines(unit, 1.0).1 < MIN_AMPLITUDE_N {
             return Err(ArgumentError::Range {
                 unit: unit.number,

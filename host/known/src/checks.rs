@@ -1,9 +1,9 @@
 //! Whether a calibration still holds: until when it is valid, and what the checks with a known
 //! weight said since.
 //!
-//! A check hangs one known weight where the gains were found, and compares the force with what the
-//! stored calibration makes of the codes. It is kept in `calibration-RIG/checks.csv`, one row for
-//! each unit and check.
+//! A check hangs one known weight where the gains were found, or on the tip, and compares the force
+//! with what the stored calibration makes of the codes. It is kept in `calibration-RIG/checks.csv`,
+//! one row for each unit and check.
 
 use crate::store::Store;
 use crate::{Result, StoreError};
@@ -100,22 +100,24 @@ pub fn age_days(record: &Record, today: &str) -> Option<i64> {
     Some(days(time_of(oldest)?, time_of(today)?))
 }
 
-/// One known weight on one unit.
+/// One known weight on one unit, or on the tip.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
     /// Date, `YYYY-MM-DD`.
     pub date: String,
-    /// Unit, from 1.
-    pub unit: u8,
+    /// Unit, from 1; `None`: the tip.
+    pub unit: Option<u8>,
     /// The weight, g.
     pub weight_g: f64,
     /// Its force, N.
     pub force_n: f64,
-    /// The same by the cell, N.
+    /// The same by the cell, N. At the tip: the weight and, added to it, the size of the difference
+    /// between the force by the cells and the weight, with the sign of its vertical part.
     pub measured_n: f64,
     /// 95 % uncertainty of the difference, N.
     pub uncertainty_95_n: f64,
-    /// Hash of the calibration that was checked.
+    /// Hash of what was checked of the calibration: [`Record::gains_hash`], at the tip
+    /// [`Record::tip_hash`].
     pub calibration: String,
 }
 
@@ -130,6 +132,23 @@ impl Check {
     #[must_use]
     pub fn passes(&self) -> bool {
         self.en().abs() <= 1.0
+    }
+
+    /// What was checked, in words.
+    #[must_use]
+    pub fn what(&self) -> String {
+        self.unit
+            .map_or_else(|| "tip".to_owned(), |unit| format!("unit {unit}"))
+    }
+
+    /// Whether it was made on this calibration.
+    #[must_use]
+    pub fn is_of(&self, record: &Record) -> bool {
+        self.calibration
+            == match self.unit {
+                Some(_) => record.gains_hash(),
+                None => record.tip_hash(),
+            }
     }
 }
 
@@ -168,15 +187,15 @@ pub struct Standing {
     pub age_days: Option<i64>,
     /// Until when it is valid.
     pub validity: Option<Validity>,
-    /// The newest check of each unit.
+    /// The newest check of each unit, and of the tip.
     pub checks: Vec<CheckedUnit>,
 }
 
-/// The newest check of a unit.
+/// The newest check of a unit, or of the tip.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckedUnit {
-    /// Unit, from 1.
-    pub unit: u8,
+    /// Unit, from 1; `None`: the tip.
+    pub unit: Option<u8>,
     /// When.
     pub date: String,
     /// Normalised error.
@@ -185,6 +204,8 @@ pub struct CheckedUnit {
     pub holds: bool,
 }
 
+/// In place of a unit's number.
+const TIP: &str = "tip";
 const HEADER: &str = "date,unit,weight_g,force_n,measured_n,uncertainty_95_n,calibration";
 
 impl Store {
@@ -216,14 +237,14 @@ impl Store {
         .collect()
     }
 
-    /// The newest check of each unit that was made on this calibration.
+    /// The newest check of the tip and of each unit that was made on this calibration.
     ///
     /// # Errors
     /// As [`Store::checks`].
     pub fn last_checks(&self, record: &Record) -> Result<Vec<Check>> {
         let mut newest: Vec<Check> = Vec::new();
         for check in self.checks()? {
-            if check.calibration == record.gains_hash() {
+            if check.is_of(record) {
                 newest.retain(|c| c.unit != check.unit);
                 newest.push(check);
             }
@@ -253,7 +274,8 @@ impl Store {
                 text += &format!(
                     "{},{},{},{:.5},{:.5},{:.5},{}\n",
                     c.date,
-                    c.unit,
+                    c.unit
+                        .map_or_else(|| TIP.to_owned(), |unit| unit.to_string()),
                     c.weight_g,
                     c.force_n,
                     c.measured_n,
@@ -277,7 +299,10 @@ fn row(line: &str) -> Option<Check> {
     time_of(date)?;
     Some(Check {
         date: date.to_owned(),
-        unit: unit.parse().ok()?,
+        unit: match unit {
+            TIP => None,
+            number => Some(number.parse().ok()?),
+        },
         weight_g: number(weight)?,
         force_n: number(force)?,
         measured_n: number(measured)?,
@@ -328,7 +353,7 @@ mod tests {
         let mut record = record();
         let check = |unit, measured_n, record: &Record| Check {
             date: "2026-03-02".to_owned(),
-            unit,
+            unit: Some(unit),
             weight_g: 500.0,
             force_n: 4.9,
             measured_n,
@@ -346,6 +371,18 @@ mod tests {
         // A zero of a later power-up is the same gain; another gain is not.
         record.units[0].zero_codes += 5.0;
         assert_eq!(store.last_checks(&record).unwrap().len(), 2);
+        // The tip's check is of the geometry too.
+        let tip = Check {
+            unit: None,
+            calibration: record.tip_hash(),
+            ..check(1, 4.9, &record)
+        };
+        store.add_checks(std::slice::from_ref(&tip)).unwrap();
+        let last = store.last_checks(&record).unwrap();
+        assert_eq!((last.len(), &last[0]), (3, &tip));
+        record.units[2].exit_m[0] += 1e-4;
+        let units = store.last_checks(&record).unwrap();
+        assert!(units.len() == 2 && units.iter().all(|check| check.unit.is_some()));
         record.units[0].n_per_code *= 1.001;
         assert_eq!(store.last_checks(&record).unwrap(), []);
         let path = folder.path().join("checks.csv");

@@ -161,6 +161,23 @@ impl Rig {
         })
     }
 
+    /// The rig with the loops of tensions and force open: the command is the setpoint, and friction
+    /// is not made up for. The board takes it with its next configuration.
+    #[must_use]
+    pub fn with_open_loops(&self) -> Self {
+        let mut open = self.clone();
+        open.controller.kp = 0.0;
+        open.controller.ki_per_s = 0.0;
+        for unit in &mut open.units {
+            unit.kp = 0.0;
+            unit.ki_per_s = 0.0;
+            unit.kd_s = 0.0;
+            unit.damping_n_s_per_m = 0.0;
+            unit.friction_feedforward = false;
+        }
+        open
+    }
+
     /// Checks a commanded force before anything is driven.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use emulator_link::{DacResetPull, Injection, UNITS};
 macro_rules! words {
     () => {
         "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop (the same: estop=open), estop-release (estop=close), \
-         spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, open-bridge=UNIT, \
+         spike=UNIT:CODES, pull=UNIT:NEWTON, hang-on-tip=NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, open-bridge=UNIT, \
          frozen-code=UNIT, wrong-sign=UNIT, stuck-dac=UNIT, amplifier-off=UNIT, \
          amplifier-share=UNIT:SHARE, reverse-encoder=UNIT, encoder-lines=UNIT:LINES, exchange-encoders=UNIT:UNIT, \
          exchange-motors=UNIT:UNIT, exchange-cells=UNIT:UNIT, exchange-drdy=UNIT:UNIT, pull-out=UNIT:MM, \
@@ -108,6 +108,11 @@ fn read(what: &str, wrong: &dyn Fn(&str) -> String) -> Result<Injection, String>
             }
             Injection::PullCable(unit()?, force)
         }
+        "hang-on-tip" => Injection::HangOnTip(
+            (argument.parse().ok())
+                .filter(|newton| (0.0..=20.0).contains(newton))
+                .ok_or_else(|| wrong("a weight of 0 to 20 N is possible"))?,
+        ),
         "freeze-encoder" => Injection::FreezeEncoder(unit()?, true),
         "thaw-encoder" => Injection::FreezeEncoder(unit()?, false),
         "open-bridge" => Injection::OpenBridge(unit()?, true),
@@ -190,6 +195,7 @@ pub fn describe(injection: &Injection) -> Option<String> {
         Injection::EStop(false) => "estop-release".to_owned(),
         Injection::Spike(unit, codes) => format!("spike={unit}:{codes}"),
         Injection::PullCable(unit, newton) => format!("pull={unit}:{newton}"),
+        Injection::HangOnTip(newton) => format!("hang-on-tip={newton}"),
         Injection::FreezeEncoder(unit, true) => format!("freeze-encoder={unit}"),
         Injection::FreezeEncoder(unit, false) => format!("thaw-encoder={unit}"),
         Injection::HangLoop => "hang".to_owned(),
@@ -298,6 +304,7 @@ mod tests {
             "estop-release",
             "spike=1:-90",
             "pull=6:2.5",
+            "hang-on-tip=4.9",
             "freeze-encoder=4",
             "thaw-encoder=4",
             "hang",
@@ -348,6 +355,8 @@ mod tests {
             "exchange-cells=2:7@1s",
             "encoder-lines=2:0@1s",
             "pull-out=1:nan@1s",
+            "hang-on-tip=nan@1s",
+            "hang-on-tip=-1@1s",
             "amplifier-share=1:9@1s",
             "brown-out-level=4@start",
             "dac-reset-pull=left@start",

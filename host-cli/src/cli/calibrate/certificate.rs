@@ -34,13 +34,12 @@ impl Certificate {
                 "no gain of this calibration was measured: `forcectl calibrate gain`",
             ));
         }
-        let gains = record.gains_hash();
         // A certificate names the version that it is of, also later.
         let same = |version: &String| store.version(version).is_ok_and(|r| r.hash == record.hash);
         let kept = store.versions()?.into_iter().rev().find(same);
         let version = kept.as_ref().unwrap_or(&self.version);
         let mut checks = store.checks()?;
-        checks.retain(|check| check.calibration == gains);
+        checks.retain(|check| check.is_of(&record));
         let today = known::today();
         let json = json!({"version": version, "printed": today, "validity": Validity::of(&record, &today),
             "checks": checks, "calibration": record});

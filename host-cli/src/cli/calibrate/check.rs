@@ -1,4 +1,4 @@
-//! `calibrate check`: one known weight against the stored calibration.
+//! `calibrate check`: one known weight against the stored calibration, on each cell or on the tip.
 
 use super::super::exit::{self, Failure, Reply, Result};
 use super::super::Context;
@@ -6,13 +6,14 @@ use super::guide::{self, Answer};
 use super::standards::Standards;
 use super::{hang, picture, Bench};
 use crate::cli::connection::Connection;
+use crate::cli::values;
 use calibrate::picture::{bars, Bar};
 use calibrate::standin::{Mistake, Weights};
 use calibrate::weights::{self, Mean};
 use calibrate::{cells, CalibrateError};
 use calibration::gain::Options;
 use calibration::record::UnitRecord;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use known::checks::{self, Check as Checked, Validity};
 use serde_json::json;
 use session::Session;
@@ -20,28 +21,48 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use wire::UNITS;
 
+/// Where the weight hangs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Where {
+    /// On each cell, as for the gains
+    Cells,
+    /// On the tip, which the cables alone carry: gains, zeros and geometry together
+    Tip,
+}
+
 /// Arguments of `calibrate check`.
 #[derive(Debug, Args)]
 pub struct Check {
+    /// Where the weight hangs
+    #[arg(long, value_name = "WHERE", value_enum, default_value_t = Where::Cells)]
+    at: Where,
     /// Units to check [default: all whose gain was measured]
     #[arg(long, value_name = "N", num_args = 1..)]
     unit: Vec<u8>,
-    /// The weight, g: not of the set of the calibration, or the check tells nothing of that
+    /// The weight, g: not of the set of the calibration, or the check tells nothing of that. At the
+    /// tip with ring and cord
     #[arg(long, value_name = "GRAM", default_value_t = 500.0, value_parser = super::gain::weight)]
-    weight: f64,
+    pub(super) weight: f64,
+    /// At the tip: time for which the cables carry it
+    #[arg(long, value_name = "SECONDS", default_value = "40", value_parser = values::seconds)]
+    pub(super) duration: f64,
+    /// At the tip: standard deviation of a coordinate of the place at which it is let go, mm
+    /// [default: position_sd_mm of `[pose]` in the rig file, else what is usual for its source]
+    #[arg(long, value_name = "MM", value_parser = values::pose_sd_mm)]
+    pub(super) pose_sd: Option<f64>,
     #[command(flatten)]
-    standards: Standards,
+    pub(super) standards: Standards,
     /// Ask nothing: on an emulated rig, where a stand-in hangs the weight
     #[arg(long)]
-    yes: bool,
+    pub(super) yes: bool,
     /// Mistake of the stand-in: weight=500:495 (495 g is hung for 500 g, once); repeatable
     #[arg(long, value_name = "MISTAKE")]
-    inject: Vec<Mistake>,
+    pub(super) inject: Vec<Mistake>,
     /// Folder for the picture of the history
     #[arg(long, value_name = "DIR", default_value = "forcectl-out")]
     out: PathBuf,
     #[command(flatten)]
-    connection: Connection,
+    pub(super) connection: Connection,
 }
 
 /// Codes of one unit: empty, loaded, empty again.
@@ -59,6 +80,14 @@ impl Check {
         let options = self.standards.options();
         if let Some(note) = self.standards.note() {
             context.output.note(note);
+        }
+        if self.at == Where::Tip {
+            if !self.unit.is_empty() {
+                return Err(Failure::usage(
+                    "--unit is for a weight on the cells: the tip hangs in all cables",
+                ));
+            }
+            return self.tip(&bench, &options, context);
         }
         let rig = bench.calibrated();
         let _controlled_stop = context.interrupt.controlled_stop();
@@ -193,7 +222,7 @@ impl Check {
             row!(
                 text,
                 "{:>4} {:>11.4} {:>16.4} {:>9.1} {:>13.1} {:>7.2} {:>18.1}   {verdict}",
-                check.unit,
+                seen.unit,
                 check.force_n,
                 check.measured_n,
                 1e3 * (check.measured_n - check.force_n),
@@ -206,7 +235,7 @@ impl Check {
         }
         let fails: Vec<String> = (found.iter())
             .filter(|check| !check.passes())
-            .map(|check| check.unit.to_string())
+            .filter_map(|check| Some(check.unit?.to_string()))
             .collect();
         if fails.is_empty() {
             row!(text, "the calibration holds (|En| of at most 1)");
@@ -217,6 +246,19 @@ impl Check {
                 fails.join(", ")
             );
         }
+        self.with_history(bench, text, &rows, fails.is_empty(), today, context)
+    }
+
+    /// The answer: the table, the age of the calibration, and the picture of all checks.
+    pub(super) fn with_history(
+        &self,
+        bench: &Bench,
+        mut text: String,
+        rows: &[serde_json::Value],
+        holds: bool,
+        today: &str,
+        context: &Context,
+    ) -> Result<Reply> {
         let age = checks::age_days(&bench.record, today);
         if let Some(days) = age {
             row!(text, "the oldest gain is {days} days old");
@@ -235,9 +277,9 @@ impl Check {
         ));
         let reply = Reply::new(
             text,
-            json!({"checks": rows, "holds": fails.is_empty(), "age_days": age, "validity": validity}),
+            json!({"checks": rows, "holds": holds, "age_days": age, "validity": validity}),
         );
-        Ok(if fails.is_empty() {
+        Ok(if holds {
             reply
         } else {
             reply.with_code(exit::DEGRADED)
@@ -287,7 +329,7 @@ fn judge(
     let sd_n = parts.iter().map(|part| part * part).sum::<f64>().sqrt();
     Some(Checked {
         date: today.to_owned(),
-        unit: seen.unit,
+        unit: Some(seen.unit),
         weight_g,
         force_n,
         measured_n,
@@ -304,7 +346,7 @@ pub(super) fn history_picture(history: &[Checked]) -> String {
     let rows: Vec<Bar> = history[history.len().saturating_sub(SHOWN)..]
         .iter()
         .map(|check| Bar {
-            label: format!("{}, unit {}", check.date, check.unit),
+            label: format!("{}, {}", check.date, check.what()),
             value: 1e3 * (check.measured_n - check.force_n),
             sd: 0.5e3 * check.uncertainty_95_n,
         })

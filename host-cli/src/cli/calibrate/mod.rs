@@ -8,6 +8,7 @@
 //! | `geometry.rs` | `geometry` |
 //! | `moving.rs` | `self`, `verify` |
 //! | `check.rs` | `check` |
+//! | `check_tip.rs` | `check --at tip` |
 //! | `certificate.rs` | `certificate` |
 //! | `records.rs` | `show`, `diff`, `use`, `push` |
 //! | `series.rs` | the readings of `gain` |
@@ -17,6 +18,7 @@
 
 mod certificate;
 mod check;
+mod check_tip;
 mod gain;
 mod geometry;
 pub(super) mod guide;
@@ -106,7 +108,7 @@ enum Step {
     Moving(moving::Moving),
     /// Hold forces, and compare what the calibration predicts with what is measured
     Verify(moving::Verify),
-    /// Check the gains with one known weight, and keep the history
+    /// Check the calibration with one known weight on cells or tip, and keep the history
     Check(check::Check),
     /// Write a calibration as a page to print and sign, and as JSON
     Certificate(certificate::Certificate),
