@@ -277,8 +277,8 @@ impl Tip {
         }
     }
 
-    /// Lets the tip go, with a weight of so many newtons, or exchanges that weight. `false`: a model
-    /// holds the tip, and keeps it.
+    /// Lets the tip go, with a weight of so many newtons, or exchanges that weight. `false`: a
+    /// model holds the tip, and keeps it.
     pub fn let_go(&mut self, weight_n: f64, gravity_m_per_s2: f64) -> bool {
         let robot_m = match self.holder {
             Holder::Model(_) => return false,
