@@ -1,6 +1,7 @@
 //! Tests of the board: wiring, injections, complaints.
 
 use super::*;
+use crate::wiring;
 use emulator_link::{DacResetPull, Injection};
 use plant::PlantConfig;
 
