@@ -93,26 +93,29 @@ pub fn read<'a>(
             instead,
         })
     };
-    let one = |role: &str, s: &'a Source, si: &str, spare: bool| -> Result<Column<'a>, DataError> {
-        let role = role.to_owned();
+    let one = |role: &'static str,
+               s: &'a Source,
+               si: &'static str,
+               spare: bool|
+     -> Result<Column<'a>, DataError> {
         let file = file.to_owned();
         match (s.absent, spare) {
             (true, true) => Ok(Column::none()),
             (true, false) => Err(DataError::Needed {
                 file,
-                role,
+                role: role.to_owned(),
                 why: "every model needs it; only velocities, efforts and components of the force can be absent".to_owned(),
             }),
-            (false, _) if s.column.is_empty() => Err(DataError::Unnamed { file, role }),
+            (false, _) if s.column.is_empty() => Err(DataError::Unnamed { file, role: role.to_owned() }),
             (false, _) => {
-                let values = find(&role, &s.column, if spare { SPARE } else { "" })?;
+                let values = find(role, &s.column, if spare { SPARE } else { "" })?;
                 let (scale, offset) = s.to_si(si).map_err(|why| DataError::Unit {
                     file,
                     role,
                     column: s.column.clone(),
                     unit: s.unit.clone(),
                     why,
-                    si: si.to_owned(),
+                    si,
                 })?;
                 Ok(Column {
                     name: &s.column,
@@ -123,13 +126,14 @@ pub fn read<'a>(
             }
         }
     };
-    let three = |role: &str, sources: &'a [Source; 3], si: [&str; 3], spare: bool| {
-        let columns = sources
-            .iter()
-            .zip(si)
-            .map(|(s, si)| one(role, s, si, spare));
-        columns.collect::<Result<Vec<Column<'a>>, DataError>>()
-    };
+    let three =
+        |role: &'static str, sources: &'a [Source; 3], si: [&'static str; 3], spare: bool| {
+            let columns = sources
+                .iter()
+                .zip(si)
+                .map(|(s, si)| one(role, s, si, spare));
+            columns.collect::<Result<Vec<Column<'a>>, DataError>>()
+        };
     let absent = absent(file, mapping)?;
     let time = one("the time", &mapping.time, "s", false)?;
     let mut inputs = three(

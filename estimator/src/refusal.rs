@@ -41,7 +41,7 @@ pub enum DataError {
         /// File.
         file: String,
         /// What it is for.
-        role: String,
+        role: &'static str,
         /// Column.
         column: String,
         /// Unit in the mapping file.
@@ -49,7 +49,7 @@ pub enum DataError {
         /// Why not, in words that follow the unit.
         why: &'static str,
         /// Unit of the model.
-        si: String,
+        si: &'static str,
     },
     /// A value is not a number.
     #[error("{file}: column `{column}` is {value} in row {row} (line {} of a CSV file, t = {time_s} s), which is marked as usable; mark such rows unusable or leave them out", .row + 1)]

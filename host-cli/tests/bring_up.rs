@@ -209,7 +209,7 @@ fn a_rig_file_of_another_board_drives_nothing() {
         &[],
     );
     let other = "003100253039510D34313737";
-    leave_record(folder.path(), &other, [[""; 4]; 6]);
+    leave_record(folder.path(), other, [[""; 4]; 6]);
     let what = format!("the board was {other} and is {number}");
     for command in [
         "zero --direct",

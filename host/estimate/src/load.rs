@@ -148,7 +148,7 @@ fn files(path: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>), LoadError> {
     } else {
         path.to_owned()
     };
-    let found = residual::load::find_files(&[folder.clone()]).map_err(|error| {
+    let found = residual::load::find_files(std::slice::from_ref(&folder)).map_err(|error| {
         LoadError(format!(
             "{error}. Or give the folder of `forcectl experiment run`"
         ))

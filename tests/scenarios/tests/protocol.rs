@@ -118,7 +118,11 @@ fn setpoints_out_of_range_drive_nothing() {
             }; UNITS],
         ));
         stand.truth();
-        stand.run(0.05);
+        let refused = (0..5).filter(|_| match stand.session.exchange(session::PERIOD) {
+            Err(SessionError::Refused { .. }) => true,
+            other => other.map(|()| false).expect("the session goes on"),
+        });
+        assert_eq!(refused.count(), 1, "{tension_un} uN, 1/cos {inv_cos_q16}");
         assert!(
             stand.truth().iter().all(all_at_zero),
             "{tension_un} uN, 1/cos {inv_cos_q16}: a motor is driven"
