@@ -56,7 +56,8 @@ pub struct BringUp {
     /// Test this unit only; repeatable
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=UNITS as i64))]
     unit: Vec<u8>,
-    /// Repeat the tests from this one on: board, converters, estop, reels, weights, power, motors or tension
+    /// Repeat the tests from this one on: board, converters, estop, reels, weights, power, motors
+    /// or tension
     #[arg(long, value_name = "TEST")]
     from: Option<Test>,
     /// Forget what was measured before, and begin anew

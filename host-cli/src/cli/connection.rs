@@ -206,7 +206,8 @@ impl Existing {
     }
 
     /// `tested::require` with this connection's board: a service tells its number now, any other
-    /// link when it is opened. Call it after [`Existing::load`], with the rig file as it was loaded.
+    /// link when it is opened. Call it after [`Existing::load`], with the rig file as it was
+    /// loaded.
     pub fn require_unchanged(&self, rig: &Rig, context: &Context) -> Result<()> {
         self.require_with(&New::default(), rig, context)
     }

@@ -381,8 +381,8 @@ fn is_date(cell: &str) -> bool {
     marks >= 2 && digits >= 4 && cell.starts_with(|c: char| c.is_ascii_digit())
 }
 
-/// Reads one log as it is, with its `time` made where [`Input`] says how. Lines that are no rows are
-/// refused, or left out with [`Action::Drop`]; text in a column of numbers is NaN.
+/// Reads one log as it is, with its `time` made where [`Input`] says how. Lines that are no rows
+/// are refused, or left out with [`Action::Drop`]; text in a column of numbers is NaN.
 ///
 /// # Errors
 /// The file can't be read, or its name does not fit.
