@@ -656,8 +656,8 @@ impl DirectionEstimator {
         self.speed_q12 += (speed - self.speed_q12) >> 2;
         let position = self.slack_nm.saturating_add(travel_nm);
         self.slack_nm = clamp_abs(position, model.play_nm);
-        // Both are far from 31 bits.
-        let effective = position - self.slack_nm;
+        // Both are far from 31 bits, unless a bit of the play has flipped.
+        let effective = position.saturating_sub(self.slack_nm);
         let beyond = error.saturating_sub(error.clamp_abs(REST_DEAD_BAND));
         // 4 N give more than the largest step. 25 bits of it, and 31 of the rate and stillness.
         let beyond = clamp_abs(beyond.to_bits(), 4 << Newton::FRAC_BITS);

@@ -183,25 +183,18 @@ fn a_preview_that_comes_and_goes_does_not_keep_the_level_from_being_learned() {
     for period_s in [0.15, 0.5, 1.3] {
         let mut plant = PlantConfig::default();
         plants::scale_friction(&mut plant, 0.8);
-        let mut rig = rig::Rig::new(plant, 11, &Config::nominal());
-        let mut host = Host::new(Poses::dvrk(2e-6, 0.0), &rig, 11);
-        for unit in &mut rig.units {
-            unit.drive = Drive::Follow;
-        }
-        while rig.time_s() < 40.0 {
-            let t = rig.time_s();
-            rig.plant.set_robot_moving(t > 2.0);
-            for (i, unit) in rig.units.iter_mut().enumerate() {
-                unit.setpoint_n = 4.1 + 1.9 * (0.4 * t + i as f64).sin();
+        let mut host = None;
+        let comes_and_goes = |rig: &mut rig::Rig| {
+            host.get_or_insert_with(|| Host::new(Poses::dvrk(2e-6, 0.0), rig, 11))
+                .step(rig);
+            if ((rig.time_s() / period_s) as u64).is_multiple_of(2) {
+                for unit in &mut rig.units {
+                    unit.reel_um_per_s = None;
+                }
             }
-            host.step(&mut rig);
-            if ((t / period_s) as u64).is_multiple_of(2) {
-                rig.units
-                    .iter_mut()
-                    .for_each(|unit| unit.reel_um_per_s = None);
-            }
-            rig.advance(|_, _, output| assert_eq!(output.fault, None));
-        }
+        };
+        let wire = Config::nominal();
+        let rig = rig::follow(plant, 11, &wire, 40.0, comes_and_goes, |_, _| {});
         let learned: Vec<f64> = (rig.units.iter())
             .map(|unit| unit.state.level().excess())
             .collect();

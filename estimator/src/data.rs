@@ -16,6 +16,10 @@ pub trait Columns {
     fn column(&self, name: &str) -> Option<&[f64]>;
     /// Names of all columns, for messages.
     fn names(&self) -> Vec<String>;
+    /// Line of a row (from 0) in a text file, for messages; `None` where that is not known.
+    fn line(&self, _row: usize) -> Option<u64> {
+        None
+    }
 }
 
 /// Joints (rad, rad, m) and the tip that the robot reports with them (m).
@@ -40,6 +44,8 @@ pub struct Part {
 /// What a log without a column can do instead.
 const SPARE: &str =
     ", or write `{ absent = true }` for it there: a model is then trained without this input";
+const UNMEASURED: &str =
+    ", or write `{ absent = true }` for it there: this component is then neither trained nor scored";
 const ALL_USABLE: &str = ", or write `usable = \"\"` there: every row is taken";
 const FILE_IS_TRIAL: &str = ", or write `trial = \"\"` there: each file is a trial";
 
@@ -58,7 +64,7 @@ fn absent(file: &str, mapping: &Mapping) -> Result<Vec<usize>, DataError> {
         return Err(DataError::Needed {
             file: file.to_owned(),
             role: "the effort of every joint".to_owned(),
-            why: "without any effort nothing tells the force: log the motor torques, or currents with a factor".to_owned(),
+            why: "without any effort nothing tells the force: log the motor torques, or currents with `scale`".to_owned(),
         });
     }
     Ok(absent)
@@ -96,19 +102,19 @@ pub fn read<'a>(
     let one = |role: &'static str,
                s: &'a Source,
                si: &'static str,
-               spare: bool|
+               instead: &'static str|
      -> Result<Column<'a>, DataError> {
         let file = file.to_owned();
-        match (s.absent, spare) {
-            (true, true) => Ok(Column::none()),
-            (true, false) => Err(DataError::Needed {
+        match (s.absent, instead) {
+            (true, SPARE | UNMEASURED) => Ok(Column::none()),
+            (true, _) => Err(DataError::Needed {
                 file,
                 role: role.to_owned(),
                 why: "every model needs it; only velocities, efforts and components of the force can be absent".to_owned(),
             }),
             (false, _) if s.column.is_empty() => Err(DataError::Unnamed { file, role: role.to_owned() }),
             (false, _) => {
-                let values = find(role, &s.column, if spare { SPARE } else { "" })?;
+                let values = find(role, &s.column, instead)?;
                 let (scale, offset) = s.to_si(si).map_err(|why| DataError::Unit {
                     file,
                     role,
@@ -126,42 +132,49 @@ pub fn read<'a>(
             }
         }
     };
-    let three =
-        |role: &'static str, sources: &'a [Source; 3], si: [&'static str; 3], spare: bool| {
-            let columns = sources
-                .iter()
-                .zip(si)
-                .map(|(s, si)| one(role, s, si, spare));
-            columns.collect::<Result<Vec<Column<'a>>, DataError>>()
-        };
+    let three = |role: &'static str,
+                 sources: &'a [Source; 3],
+                 si: [&'static str; 3],
+                 instead: &'static str| {
+        let columns = sources
+            .iter()
+            .zip(si)
+            .map(|(s, si)| one(role, s, si, instead));
+        columns.collect::<Result<Vec<Column<'a>>, DataError>>()
+    };
     let absent = absent(file, mapping)?;
-    let time = one("the time", &mapping.time, "s", false)?;
+    let time = one("the time", &mapping.time, "s", "")?;
     let mut inputs = three(
         "a joint's position",
         &mapping.position,
         ["rad", "rad", "m"],
-        false,
+        "",
     )?;
     let velocity = ["rad/s", "rad/s", "m/s"];
     inputs.extend(three(
         "a joint's velocity",
         &mapping.velocity,
         velocity,
-        true,
+        SPARE,
     )?);
     let effort = ["N·m", "N·m", "N"];
-    inputs.extend(three("a joint's effort", &mapping.effort, effort, true)?);
-    let force = three("the force on the tool", &mapping.force, ["N"; 3], true);
-    let force = match label {
-        Label::Needed => force?,
-        Label::WhereThere => force.unwrap_or_default(),
+    inputs.extend(three("a joint's effort", &mapping.effort, effort, SPARE)?);
+    let force = three(
+        "the force on the tool",
+        &mapping.force,
+        ["N"; 3],
+        UNMEASURED,
+    );
+    let force = match (label, force) {
+        (Label::WhereThere, Err(DataError::Missing { .. })) => Vec::new(),
+        (_, force) => force?,
     };
     let needed: &[Column<'_>] = match label {
         Label::Needed => &force,
         Label::WhereThere => &[],
     };
     let tip = match mapping.tip() {
-        Some(tip) => three("the reported tip", tip, ["m"; 3], false)?,
+        Some(tip) => three("the reported tip", tip, ["m"; 3], "")?,
         None => Vec::new(),
     };
     let usable = mapping
@@ -210,6 +223,7 @@ pub fn read<'a>(
                     column: mapping.trial.clone(),
                     value,
                     row: row + 1,
+                    line: log.line(row),
                 });
             }
         };
@@ -224,12 +238,8 @@ pub fn read<'a>(
             part.unusable += 1;
             continue;
         }
-        check(
-            file,
-            row,
-            &time,
-            std::iter::once(&time).chain(&inputs).chain(needed),
-        )?;
+        let checked = std::iter::once(&time).chain(&inputs).chain(needed);
+        check(file, log, row, &time, checked)?;
         let sequence = open.get_or_insert_with(|| {
             began = row;
             Sequence {
@@ -251,14 +261,20 @@ pub fn read<'a>(
         if force.is_empty() {
             sequence.target.extend([f32::NAN; 3]);
         } else {
+            let unmeasured =
+                |i: usize| label == Label::WhereThere && !mapping.force[i].is_measured();
+            let values = force.iter().enumerate();
             sequence
                 .target
-                .extend(force.iter().map(|c| c.at(row) as f32));
+                .extend(values.map(|(i, c)| match unmeasured(i) {
+                    true => f32::NAN,
+                    false => c.at(row) as f32,
+                }));
         }
         // About a thousand, counted in rows that are taken: a stretch may begin at any row.
         taken += 1;
         if !tip.is_empty() && (taken - 1).is_multiple_of((rows / every / 1_000).max(1)) {
-            check(file, row, &time, tip.iter())?;
+            check(file, log, row, &time, tip.iter())?;
             let joints = core::array::from_fn(|i| inputs[i].at(row));
             let tip = core::array::from_fn(|i| tip[i].at(row));
             part.tips.push((number, (joints, tip)));
@@ -313,6 +329,7 @@ impl Column<'_> {
 
 fn check<'a>(
     file: &str,
+    log: &dyn Columns,
     row: usize,
     time: &Column<'_>,
     columns: impl Iterator<Item = &'a Column<'a>>,
@@ -326,6 +343,7 @@ fn check<'a>(
                 column: column.name.to_owned(),
                 value: column.raw(row),
                 row: row + 1,
+                line: log.line(row),
                 time_s: time.at(row),
             });
         }
@@ -393,6 +411,11 @@ mod tests {
 
         fn names(&self) -> Vec<String> {
             self.0.iter().map(|(n, _)| n.clone()).collect()
+        }
+
+        /// A line of names, then one a row.
+        fn line(&self, row: usize) -> Option<u64> {
+            Some(row as u64 + 2)
         }
     }
 

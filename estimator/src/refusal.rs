@@ -1,5 +1,10 @@
 //! Why a log can't be used: file, column, and what to do.
 
+/// A line in words, behind a row.
+fn in_line(line: Option<u64>) -> String {
+    line.map_or_else(String::new, |line| format!(", line {line} of the file"))
+}
+
 /// Why a log can't be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DataError {
@@ -52,7 +57,7 @@ pub enum DataError {
         si: &'static str,
     },
     /// A value is not a number.
-    #[error("{file}: column `{column}` is {value} in row {row} (line {} of a CSV file, t = {time_s} s), which is marked as usable; mark such rows unusable or leave them out", .row + 1)]
+    #[error("{file}: column `{column}` is {value} in row {row}{} (t = {time_s} s), which is marked as usable; mark such rows unusable or leave them out", in_line(*.line))]
     NotANumber {
         /// File.
         file: String,
@@ -62,11 +67,13 @@ pub enum DataError {
         value: f64,
         /// Row from 1.
         row: usize,
+        /// Line of a text file.
+        line: Option<u64>,
         /// Time, s.
         time_s: f64,
     },
     /// A trial has no number.
-    #[error("{file}: column `{column}` is {value} in row {row} (line {} of a CSV file), which is marked as usable; a trial's number is whole and 0 or more, text is read as NaN. Number the trials, or write `trial = \"\"` in a mapping file (--mapping): each file is then a trial", .row + 1)]
+    #[error("{file}: column `{column}` is {value} in row {row}{}, which is marked as usable; a trial's number is whole and 0 or more, text is read as NaN. Number the trials, or write `trial = \"\"` in a mapping file (--mapping): each file is then a trial", in_line(*.line))]
     Trial {
         /// File.
         file: String,
@@ -76,6 +83,8 @@ pub enum DataError {
         value: f64,
         /// Row from 1, without the header.
         row: usize,
+        /// Line of a text file.
+        line: Option<u64>,
     },
     /// Another rate.
     #[error("{file}: its rows are {found_hz:.2} Hz (column `{column}`), which is no multiple of the model's {wanted_hz:.2} Hz; record at such a rate, or train a model at this one (--rate)")]

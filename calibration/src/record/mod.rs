@@ -207,7 +207,7 @@ pub struct GainRecord {
     pub readings: u32,
     /// Largest load, N.
     pub largest_n: f64,
-    /// Half of the 95 % interval of the scale, everything included, relative.
+    /// Half of the 95 % interval of the scale up to 12 N, everything included, relative.
     pub half_95_relative: f64,
     /// Relative standard uncertainties of the scale: from the readings,
     pub readings_sd: f64,
@@ -670,6 +670,16 @@ impl Record {
 }
 
 impl UnitRecord {
+    /// Relative standard uncertainty of the scale at a force, N, without what all units share. What
+    /// the weights leave open beyond the largest one does not count for a force that they reach.
+    #[must_use]
+    pub fn scale_relative_sd(&self, force_n: f64) -> f64 {
+        let all = self.n_per_code_sd / self.n_per_code.abs();
+        let within = (self.gain.as_ref()).filter(|gain| force_n <= gain.largest_n);
+        let beyond = within.map_or(0.0, |gain| gain.beyond_sd);
+        (all * all - beyond * beyond).max(0.0).sqrt()
+    }
+
     /// Serial numbers with their keys; empty where there is none.
     #[must_use]
     pub fn serials(&self) -> [(&'static str, &str); 4] {

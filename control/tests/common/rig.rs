@@ -231,6 +231,36 @@ pub struct Sample {
     pub inv_cos: InvCos,
 }
 
+/// Drives all units for so long with setpoints that vary slowly between 2.2 and 6 N, while the tip
+/// moves from 1 s on. `host` acts before each step, `seen` gets the time, s, and the rig after it.
+pub fn follow(
+    plant: PlantConfig,
+    seed: u64,
+    wire: &UnitConfig,
+    seconds: f64,
+    mut host: impl FnMut(&mut Rig),
+    mut seen: impl FnMut(f64, &Rig),
+) -> Rig {
+    let mut rig = Rig::new(plant, seed, wire);
+    let start = rig.time_s();
+    for unit in &mut rig.units {
+        unit.drive = Drive::Follow;
+    }
+    while rig.time_s() < start + seconds {
+        let t = rig.time_s() - start;
+        if t > 1.0 {
+            rig.plant.set_robot_moving(true);
+        }
+        for (i, unit) in rig.units.iter_mut().enumerate() {
+            unit.setpoint_n = 4.1 + 1.9 * (0.4 * t + i as f64).sin();
+        }
+        host(&mut rig);
+        rig.advance(|_, _, output| assert_eq!(output.fault, None));
+        seen(t, &rig);
+    }
+    rig
+}
+
 /// Root mean square and largest tension error per unit over `seconds` while the tip moves, after a
 /// settling time of 3 s, with setpoints that vary slowly between 2.2 and 6 N.
 pub fn tension_errors(
@@ -248,25 +278,11 @@ pub fn errors_with(
     seed: u64,
     wire: &UnitConfig,
     seconds: f64,
-    mut host: impl FnMut(&mut Rig),
+    host: impl FnMut(&mut Rig),
 ) -> Vec<(f64, f64)> {
-    let mut rig = Rig::new(plant, seed, wire);
-    let start = rig.time_s();
-    for unit in &mut rig.units {
-        unit.drive = Drive::Follow;
-    }
-    let mut sums = vec![(0.0, 0.0f64); rig.units.len()];
+    let mut sums = [(0.0, 0.0f64); control::UNITS];
     let mut count = 0.0;
-    while rig.time_s() < start + 3.0 + seconds {
-        let t = rig.time_s() - start;
-        if t > 1.0 {
-            rig.plant.set_robot_moving(true);
-        }
-        for (i, unit) in rig.units.iter_mut().enumerate() {
-            unit.setpoint_n = 4.1 + 1.9 * (0.4 * t + i as f64).sin();
-        }
-        host(&mut rig);
-        rig.advance(|_, _, _| {});
+    follow(plant, seed, wire, 3.0 + seconds, host, |t, rig| {
         if t > 3.0 {
             count += 1.0;
             for (i, sum) in sums.iter_mut().enumerate() {
@@ -275,7 +291,7 @@ pub fn errors_with(
                 sum.1 = sum.1.max(error.abs());
             }
         }
-    }
+    });
     sums.iter()
         .map(|(square, peak)| ((square / count).sqrt(), *peak))
         .collect()

@@ -208,7 +208,7 @@ pub fn sets(draws: u64, errors: SetErrors, correlation: f64) -> Tally {
             Ok(found) => {
                 let error = (found.n_per_code - n_per_code).abs();
                 out.add(error / n_per_code);
-                out.interval(error < found.n_per_code_half_95);
+                out.interval(error < found.within_half_95);
             }
             Err(_) => out.refused(),
         }

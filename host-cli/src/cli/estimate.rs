@@ -228,8 +228,9 @@ impl Recalibrate {
     fn check_free(&self, data: &Data) -> Result<()> {
         let forces = data.sequences.iter().flat_map(|s| s.target.chunks_exact(3));
         let (mut square, mut rows) = (0.0, 0_usize);
-        for force in forces.filter(|force| force.iter().all(|f| f.is_finite())) {
-            square += force.iter().map(|f| f64::from(*f).powi(2)).sum::<f64>();
+        for force in forces.filter(|force| force.iter().any(|f| f.is_finite())) {
+            let measured = force.iter().filter(|f| f.is_finite());
+            square += measured.map(|f| f64::from(*f).powi(2)).sum::<f64>();
             rows += 1;
         }
         let rms_n = (square / rows.max(1) as f64).sqrt();

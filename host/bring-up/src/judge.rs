@@ -755,7 +755,7 @@ fn not_loaded(settings: &UnitSettings, unit: u8, tension: &TensionFigures, found
     let ratio = tension
         .idle_n
         .map(|idle_n| turning_n(settings, 0.0) / idle_n);
-    match ratio.filter(|ratio| *ratio < 1.0 / GAIN) {
+    match ratio.filter(|ratio| !(1.0 / GAIN..=GAIN).contains(ratio)) {
         Some(ratio) => gain_or_friction(unit, unit, ratio, &told, found),
         None if tension.tight => found.push(certain(Mistake::NotLoose { unit }, told)),
         None => found.push(certain(Mistake::NotTight { unit, wound_mm }, told)),

@@ -138,8 +138,12 @@ pub struct Record {
     pub tests: BTreeMap<Test, Done>,
     /// What they measured.
     pub figures: Figures,
-    /// What these say.
+    /// What these say, and what is in `standing`.
     pub mistakes: Vec<Named>,
+    /// What tests had found that were begun anew and have measured nothing since: it stands until
+    /// they do.
+    #[serde(default)]
+    pub standing: Vec<Named>,
 }
 
 /// Result of a bring-up.
@@ -165,6 +169,7 @@ impl Record {
             tests: BTreeMap::new(),
             figures: Figures::default(),
             mistakes: Vec::new(),
+            standing: Vec::new(),
         }
     }
 
@@ -190,11 +195,20 @@ impl Record {
         } else {
             units
         };
+        let measured: Vec<usize> = units.iter().copied().filter(|i| measured(*i)).collect();
         let done = self.tests.entry(test).or_default();
-        for unit in units.iter().filter(|i| measured(**i)) {
+        for unit in &measured {
             done.insert(*unit as u8 + 1, date.to_owned());
         }
+        if !measured.is_empty() {
+            self.standing.retain(|named| named.mistake.test() != test);
+        }
         self.mistakes = judge(rig, &self.figures);
+        for named in &self.standing {
+            if !(self.mistakes.iter()).any(|found| found.mistake == named.mistake) {
+                self.mistakes.push(named.clone());
+            }
+        }
     }
 
     /// Tests that are not done for each of these units, from 0.
@@ -223,8 +237,12 @@ impl Record {
         Test::ALL.into_iter().filter(again).collect()
     }
 
-    /// Forgets what a test has measured of these units, from 0.
+    /// Forgets what a test has measured of these units, from 0. What it found stands until it has
+    /// measured again.
     pub fn forget(&mut self, test: Test, units: &[usize]) {
+        let found = (self.mistakes.iter()).filter(|named| named.mistake.test() == test);
+        let new = found.filter(|named| !self.standing.contains(named));
+        self.standing.extend(new.cloned().collect::<Vec<_>>());
         let figures = &mut self.figures;
         match test {
             Test::Board => figures.board = None,
@@ -268,7 +286,11 @@ impl Record {
                 test == Test::Tension && !matches!(named.mistake, Mistake::AmplifierGain { .. })
             }
             Test::Converters | Test::Reels | Test::Weights => test == Test::Tension,
-            Test::Board | Test::Tension => false,
+            // A controller that is reset under way would leave the cable loaded.
+            Test::Board => {
+                test == Test::Tension && matches!(named.mistake, Mistake::DacResetPull { .. })
+            }
+            Test::Tension => false,
         };
         if let Some(named) = self.mistakes.iter().find(against) {
             return Err(format!("{}: no motor is driven", named.mistake));

@@ -271,7 +271,8 @@ impl<'a, 's> Bench<'a, 's> {
             firmware: info.map_or_else(String::new, |info| info.version.to_string()),
             hse: info.is_some_and(|info| info.hse),
             brown_out_level: info.map_or(0, BoardInfo::brown_out_level),
-            dac_reset_pull: info.map_or(Pull::None, |info| info.dac_reset_pull),
+            // As it should be where nothing is known.
+            dac_reset_pull: info.map_or(Pull::Down, |info| info.dac_reset_pull),
             fault: status.fault,
         })
     }

@@ -246,7 +246,8 @@ impl Run<'_, '_, '_> {
         Ok(false)
     }
 
-    /// Lets the command rise until the cable reads [`TOP_N`]. Whether no fault has ended it.
+    /// Lets the command rise until the cable reads [`TOP_N`]. Whether it is loaded: a cable that
+    /// hardly is has no chirp in its noise.
     fn load(&mut self) -> Result<bool, BringUpError> {
         let rise_n = LOAD_N_PER_S * PERIOD.as_secs_f64();
         for _ in 0..Self::periods(LONGEST_S) {
@@ -276,7 +277,7 @@ impl Run<'_, '_, '_> {
                 reading_n,
             });
         }
-        Ok(true)
+        Ok(self.figures.line.is_some())
     }
 
     /// The chirp, about a command that keeps the tension below what it is.

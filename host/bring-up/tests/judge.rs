@@ -1,11 +1,14 @@
 //! What figures say, and what a record keeps of them: without a rig.
 
-use bring_up::figures::{ConverterFigures, Figures, MotorFigures, PowerFigures, PulseFigures};
+use bring_up::figures::{
+    BoardFigures, ConverterFigures, EStopFigures, Figures, MotorFigures, PowerFigures, PulseFigures,
+};
 use bring_up::judge::judge;
 use bring_up::mistake::{Mistake, Sure};
 use bring_up::record::{Identity, Record, Verdict};
 use bring_up::steps::Test;
 use rig::Rig;
+use wire::message::Pull;
 use wire::UNITS;
 
 fn names(figures: &Figures) -> Vec<(Mistake, Sure)> {
@@ -111,6 +114,68 @@ fn a_test_that_is_left_out_keeps_the_date_of_before_and_no_figure_that_is_to_be_
     assert_eq!(dates, [(2, "2026-11-20")]);
     assert!(!record.open(&[1]).contains(&Test::Power));
     assert!(record.open(&[2]).contains(&Test::Power));
+}
+
+/// A bridged relay does not become harmless because its test was begun anew and left out.
+#[test]
+fn what_a_test_found_stands_until_it_has_measured_again() {
+    let rig = Rig::built_in().unwrap();
+    let all: Vec<usize> = (0..UNITS).collect();
+    let estop = EStopFigures {
+        closed_before: true,
+        closed_pressed: false,
+        closed_released: true,
+        alive_withheld: true,
+    };
+    let bridged = Figures {
+        estop: Some(estop),
+        ..unplugged(&[], Some(true))
+    };
+    let mut record = Record::new(&rig, Identity::default());
+    record.figures = bridged;
+    record.took(&rig, Test::Power, &all, "2026-11-20");
+    let refused = |record: &Record| {
+        for test in [Test::Motors, Test::Tension] {
+            let why = record.may_drive(test).unwrap_err();
+            assert!(why.contains("relay"), "{why}");
+        }
+    };
+    refused(&record);
+    record.forget(Test::Power, &all);
+    record.took(&rig, Test::Power, &all, "2026-11-26");
+    refused(&record);
+    // Another test, begun anew as well, changes nothing.
+    record.forget(Test::Reels, &all);
+    record.took(&rig, Test::Reels, &all, "2026-11-26");
+    refused(&record);
+    record.forget(Test::Power, &all);
+    record.figures.power = unplugged(&[(0, false)], Some(false)).power;
+    record.took(&rig, Test::Power, &all, "2026-11-27");
+    assert_eq!(record.mistakes, []);
+    assert_eq!(record.may_drive(Test::Motors), Ok(()));
+}
+
+#[test]
+fn no_cable_is_loaded_without_the_pull_down_of_dac_rst() {
+    let rig = Rig::built_in().unwrap();
+    let mut record = Record::new(&rig, Identity::default());
+    record.figures.estop = Some(EStopFigures {
+        closed_before: true,
+        closed_pressed: false,
+        closed_released: true,
+        alive_withheld: true,
+    });
+    record.figures.board = Some(BoardFigures {
+        firmware: String::new(),
+        hse: true,
+        brown_out_level: 3,
+        dac_reset_pull: Pull::None,
+        fault: 0,
+    });
+    record.took(&rig, Test::Board, &[0], "2026-11-26");
+    assert_eq!(record.may_drive(Test::Motors), Ok(()));
+    let why = record.may_drive(Test::Tension).unwrap_err();
+    assert!(why.contains("DAC_RST"), "{why}");
 }
 
 #[test]

@@ -158,7 +158,7 @@ fn results(out: &mut String, record: &Record) {
             "converter",
             "gain of",
             "N per code",
-            "U",
+            "U up to 12 N",
             "linearity, mN",
             "hysteresis, mN",
             "repeatability, mN",
@@ -229,7 +229,7 @@ fn budget(out: &mut String, measured: &[(&UnitRecord, &GainRecord)]) {
     head.extend(first.budget().map(|(name, _)| name));
     head.extend([
         "combined",
-        "U, 95 %",
+        "U up to 12 N, 95 %",
         "of a force: hysteresis, mN (B)",
         "chi-squared / dof",
     ]);

@@ -43,7 +43,7 @@ pub struct Floating {
     pub tip_m: Vector3<f64>,
     /// How far it went when it was let go, m.
     pub went_m: Vector3<f64>,
-    /// Largest difference of a cable's length by the encoder to that, m, root mean square.
+    /// Difference of the cables' lengths by the encoders to that, m, root mean square.
     pub lengths_rms_m: f64,
     /// Force of the cables on it by the load cells, N.
     pub force_n: Vector3<f64>,

@@ -20,6 +20,8 @@ pub struct Collector<'o> {
     inner: &'o mut dyn Observer,
     travel_m_per_count: [f64; UNITS],
     newest: [Option<i32>; UNITS],
+    /// What the user is told when the force has been commanded for so long, s.
+    pub notice: Option<(f64, &'static str)>,
     /// Samples of each unit, one for each control cycle.
     pub samples: [Vec<Sample>; UNITS],
 }
@@ -31,6 +33,7 @@ impl<'o> Collector<'o> {
             inner,
             travel_m_per_count: rig.units.map(|unit| unit.travel_m_per_count),
             newest: [None; UNITS],
+            notice: None,
             samples: std::array::from_fn(|_| Vec::new()),
         }
     }
@@ -63,6 +66,9 @@ impl Observer for Collector<'_> {
     }
 
     fn step(&mut self, step: &Step) {
+        if let Some((_, text)) = self.notice.take_if(|(at_s, _)| step.t_s >= *at_s) {
+            self.inner.notice(text);
+        }
         // A run reports the samples of a cycle before the cycle. Before the force is commanded the
         // cables are tensioned: the reels turn without the tip.
         if step.t_s >= 0.0 {

@@ -315,9 +315,16 @@ fn change(
         left.max(0.0)
     };
     let parts = &gain.relative_parts;
-    let variance = (unit.n_per_code_sd / unit.n_per_code).powi(2)
+    let beyond = if COMPARED_AT_N <= gain.largest_n {
+        parts.beyond
+    } else {
+        0.0
+    };
+    let new_sd = gain.n_per_code_sd / gain.n_per_code;
+    let variance = unit.scale_relative_sd(COMPARED_AT_N).powi(2)
         + without(record.common_gain_relative_sd, record.gravity_relative_sd)
-        + without(gain.n_per_code_sd / gain.n_per_code, parts.gravity);
+        + without(new_sd, parts.gravity)
+        - beyond.powi(2);
     Some((part, part.abs() / (COVERAGE * variance.sqrt())))
 }
 

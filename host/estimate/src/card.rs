@@ -319,6 +319,12 @@ impl ModelCard {
                 source.sha256
             ));
         }
+        for source in self.sources.iter().filter(|s| s.lines_left_out > 0) {
+            line(format!(
+                "\n{} lines of {} are no rows and were left out.",
+                source.lines_left_out, source.file
+            ));
+        }
         text
     }
 }

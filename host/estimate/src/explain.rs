@@ -62,6 +62,8 @@ pub struct Motor {
     pub after: f64,
     /// Unit of the joint's torque.
     pub unit: &'static str,
+    /// Courses of the search that predict as well and whose names were not judged.
+    pub paths_not_judged: usize,
 }
 
 /// What was found of a robot.
@@ -168,6 +170,7 @@ fn analyse(i: usize, stretches: &[Vec<Balance>]) -> Result<Motor, residual::Erro
         before: report.baseline.heldout_rmse,
         after: report.last.heldout_rmse,
         unit,
+        paths_not_judged: report.paths_not_judged,
     })
 }
 

@@ -7,6 +7,7 @@ use estimator::geometry::Base;
 use estimator::model::ModelError;
 use estimator::sequence::Sequence;
 use residual::load::Table;
+use residual::spec::Action;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -33,6 +34,9 @@ pub struct Source {
     pub trials: Vec<usize>,
     /// Rows that were marked as not usable.
     pub rows_not_usable: usize,
+    /// Lines that are no rows and were left out.
+    #[serde(default)]
+    pub lines_left_out: usize,
 }
 
 /// What a data card tells of the label's time, from the experiment's own figures.
@@ -80,6 +84,10 @@ impl Columns for Read {
     fn names(&self) -> Vec<String> {
         self.0.all_names()
     }
+
+    fn line(&self, row: usize) -> Option<u64> {
+        self.0.line(row)
+    }
 }
 
 /// Reads a table: Parquet by its name, else text with a header. A cell that is empty is NaN.
@@ -96,16 +104,29 @@ fn table(path: &Path, mapping: &Mapping) -> Result<Read, LoadError> {
             )));
         }
     }
-    let time = &mapping.time.column;
-    let words = |error: residual::Error| {
-        LoadError(
-            error
-                .to_string()
-                .replace("hygiene.text", "text")
-                .replace("model file", "mapping file"),
-        )
+    // Text in rows that are marked unusable does no harm; in the marks themselves it does.
+    let used: Vec<&str> = match mapping.text {
+        Action::Drop => mapping.columns().collect(),
+        _ => mapping
+            .usable()
+            .into_iter()
+            .chain(mapping.trial())
+            .collect(),
     };
-    let table = residual::load::read(path, input, mapping.text, time).map_err(words)?;
+    let words = |error: residual::Error| {
+        let mut text = error.to_string();
+        for (of_analysis, here) in [
+            ("hygiene.text", "text"),
+            ("roles.time", "time"),
+            ("--data", "the folder"),
+            ("model file", "mapping file"),
+        ] {
+            text = text.replace(of_analysis, here);
+        }
+        LoadError(text)
+    };
+    let table = residual::load::read(path, input, mapping.text, &mapping.time.column, &used)
+        .map_err(words)?;
     // Text in the cells of some rows is refused where these are used.
     let text = (mapping.columns()).find_map(|column| Some((column, table.text(column)?)));
     let Some((column, (cell, line))) = text else {
@@ -132,7 +153,18 @@ fn table(path: &Path, mapping: &Mapping) -> Result<Read, LoadError> {
 /// The file can't be read, or a key is wrong.
 pub fn mapping(path: &Path) -> Result<Mapping, LoadError> {
     let text = std::fs::read_to_string(path).map_err(|e| failed(path, e))?;
-    toml::from_str(&text).map_err(|e| failed(path, e))
+    let mapping: Mapping = toml::from_str(&text).map_err(|e| failed(path, e))?;
+    mapping.input.check().map_err(|e| failed(path, e))?;
+    if mapping.text == Action::Fix {
+        return Err(failed(path, "text is \"report\" or \"drop\""));
+    }
+    if mapping.text == Action::Drop && mapping.input.rate > 0.0 {
+        return Err(failed(
+            path,
+            "nobody knows how long a line took that is left out: text = \"drop\" needs a column with the time in place of input.rate",
+        ));
+    }
+    Ok(mapping)
 }
 
 /// The dataset's files below a folder, or the file itself.
@@ -148,11 +180,21 @@ fn files(path: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>), LoadError> {
     } else {
         path.to_owned()
     };
-    let found = residual::load::find_files(std::slice::from_ref(&folder)).map_err(|error| {
-        LoadError(format!(
-            "{error}. Or give the folder of `forcectl experiment run`"
-        ))
-    })?;
+    let entries = std::fs::read_dir(&folder).map_err(|e| failed(&folder, e))?;
+    let is_log = |path: &PathBuf| {
+        let name = path.to_string_lossy();
+        [".parquet", ".csv", ".csv.gz"]
+            .iter()
+            .any(|end| name.ends_with(end))
+    };
+    let mut found: Vec<PathBuf> = entries
+        .filter_map(|entry| entry.ok().map(|e| e.path()))
+        .filter(is_log)
+        .collect();
+    found.sort();
+    if found.is_empty() {
+        return Err(failed(&folder, "there is no .parquet, .csv or .csv.gz file; give the folder of `forcectl experiment run`, or a log"));
+    }
     let card = folder.join("card.json");
     Ok((found, card.is_file().then_some(card)))
 }
@@ -204,6 +246,7 @@ pub fn load(path: &Path, mapping: &Mapping, rate_hz: f64, label: Label) -> Resul
             sha256: files::sha256(file).map_err(|e| failed(file, e))?,
             trials,
             rows_not_usable: part.unusable,
+            lines_left_out: table.0.lines_left_out(),
         });
         parts.push(part);
     }
@@ -659,5 +702,102 @@ mod tests {
         );
         let fewer = read(&("text = \"drop\"\n".to_owned() + &words)).unwrap();
         assert_eq!(fewer.sequences[0].rows(), data.sequences[0].rows() - 1);
+    }
+
+    #[test]
+    fn words_of_a_mapping_that_have_no_meaning_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let map = folder.path().join("map.toml");
+        for (words, word) in [
+            ("[input]\ndecimal = \";\"\n", "input.decimal"),
+            ("[input]\ndecimal = \",\"\n", "input.separator"),
+            ("[input]\nrate = -100.0\n", "input.rate"),
+            ("text = \"fix\"\n", "\"drop\""),
+            ("text = \"drop\"\n[input]\nrate = 100.0\n", "input.rate"),
+        ] {
+            std::fs::write(&map, words).unwrap();
+            let error = mapping(&map).unwrap_err().to_string();
+            assert!(
+                error.contains("map.toml") && error.contains(word),
+                "{error}"
+            );
+        }
+    }
+
+    /// What a force is measured in, and of which parts, is not told by its absence.
+    #[test]
+    fn a_force_that_is_not_needed_is_still_read_or_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("log.parquet");
+        rows(&NAMES).write(&log, &[]).unwrap();
+        let read = |unit: &str| {
+            let map = folder.path().join("map.toml");
+            let y = format!("{{ column = \"force_y_n\", unit = \"{unit}\" }}");
+            let force = format!("force = [{{ absent = true }}, {y}, {{ absent = true }}]\n");
+            std::fs::write(&map, force).unwrap();
+            load(&log, &mapping(&map).unwrap(), 100.0, Label::WhereThere)
+        };
+        let error = read("kgf").unwrap_err().to_string();
+        assert!(
+            error.contains("`kgf`") && error.contains("force_y_n"),
+            "{error}"
+        );
+        let data = read("mN").unwrap();
+        let plain = load(&log, &Mapping::default(), 100.0, Label::WhereThere).unwrap();
+        for k in [0, 7] {
+            let force = data.sequences[0].target_row(k);
+            let n = plain.sequences[0].target_row(k)[1];
+            assert!(force[0].is_nan() && force[2].is_nan(), "{force:?}");
+            assert!(
+                (force[1] - 1e-3 * n).abs() <= 1e-6 * n.abs(),
+                "{force:?} {n}"
+            );
+        }
+        // Without the columns the force is not known.
+        let other: Vec<&str> = (NAMES.iter().copied())
+            .filter(|n| !n.starts_with("force_"))
+            .collect();
+        rows(&other).write(&log, &[]).unwrap();
+        let none = load(&log, &Mapping::default(), 100.0, Label::WhereThere).unwrap();
+        assert!(none.sequences[0].target.iter().all(|n| n.is_nan()));
+    }
+
+    #[test]
+    fn text_among_numbers_is_left_out_or_named_with_its_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let table = rows(&NAMES);
+        let write = |name: &str, row: usize, column: &str| {
+            let mut text = "head\n".to_owned() + &NAMES.join(",") + "\n";
+            for k in 0..table.rows() {
+                let cell = |n: &&str| match (k == row, *n == column) {
+                    (true, true) => "ERR".to_owned(),
+                    _ => table.column(n).unwrap()[k].to_string(),
+                };
+                text += &(NAMES.iter().map(cell).collect::<Vec<_>>().join(",") + "\n");
+            }
+            let log = folder.path().join(name);
+            std::fs::write(&log, text).unwrap();
+            log
+        };
+        let read = |log: &Path, words: &str| {
+            let map = folder.path().join("map.toml");
+            std::fs::write(&map, words.to_owned() + "[input]\nskip = 1\n").unwrap();
+            load(log, &mapping(&map).unwrap(), 100.0, Label::Needed)
+        };
+        let effort = write("effort.csv", 40, "joint_effort_2");
+        // Row 41 of the log, below two lines.
+        let error = read(&effort, "").unwrap_err().to_string();
+        assert!(error.contains("row 41, line 43"), "{error}");
+        let data = read(&effort, "text = \"drop\"\n").unwrap();
+        assert_eq!(data.sources[0].lines_left_out, 1);
+        // The seconds before the gap are too short for a stretch.
+        assert_eq!(data.sequences[0].rows(), table.rows() - 41);
+        let marks = write("marks.csv", 40, "quality");
+        let error = read(&marks, "").unwrap_err().to_string();
+        assert!(
+            error.contains("marks.csv:43") && error.contains("`ERR`"),
+            "{error}"
+        );
+        assert!(!error.contains("hygiene"), "{error}");
     }
 }

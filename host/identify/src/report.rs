@@ -176,6 +176,7 @@ pub(super) fn unit(u: &UnitFinding) -> Value {
         "effects": u.report.effects,
         "not_identifiable": u.report.not_identifiable,
         "equal_paths": u.report.equal_paths,
+        "paths_not_judged": u.report.paths_not_judged,
         "structure": u.report.structure,
         "not_used": u.not_used,
     })

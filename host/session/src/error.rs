@@ -34,7 +34,7 @@ pub enum SessionError {
     },
     /// The board is not the one with which the rig was tested.
     #[error(
-        "since the bring-up of this rig the board was {tested} and is {is}: its wiring is not what was tested; use the rig file of          this board, or run `forcectl bring-up` again; nothing was driven"
+        "since the bring-up of this rig the board was {tested} and is {is}: its wiring is not what was tested; use the rig file of this board, or run `forcectl bring-up` again; nothing was driven"
     )]
     OtherBoard {
         /// Number of the board that was tested.

@@ -71,23 +71,27 @@ impl Session<'_> {
             if self.reset_seen {
                 return Err(self.after_reset());
             }
-            if let Some(refusal) = self.setpoints_refused.take() {
+            if let Some((sent, refusal)) = self.setpoints_refused.take() {
+                // Others of that kind may still be refused: it is told once.
+                self.setpoints_sent.clear();
                 self.setpoints = None;
-                let (_, Some(sent)) = &self.setpoints_sent else {
-                    return Ok(());
-                };
                 return Err(SessionError::Refused {
-                    command: command_name(sent),
-                    why: explain_refusal(sent, &refusal),
+                    command: command_name(&sent),
+                    why: explain_refusal(&sent, &refusal),
                     refusal,
                 });
             }
-            let limit = self.pace.on_host(SILENCE_TIMEOUT);
-            if self.now_ns.saturating_sub(self.last_frame_ns) > limit.as_nanos() as u64 {
+            if self.is_silent() {
                 return Err(SessionError::NoAnswer { command: "status" });
             }
         }
         Ok(())
+    }
+
+    /// Whether nothing has arrived for so long that the board counts as gone.
+    pub(super) fn is_silent(&self) -> bool {
+        let limit = self.pace.on_host(SILENCE_TIMEOUT);
+        self.now_ns.saturating_sub(self.last_frame_ns) > limit.as_nanos() as u64
     }
 
     /// As [`Session::exchange_once`], with a request for the status where one is due.

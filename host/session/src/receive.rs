@@ -26,8 +26,9 @@ impl Session<'_> {
                 }
                 // Setpoints are answered only where they are refused.
                 if let Response::Rejected(refusal @ CommandError::Range { .. }) = reply.response {
-                    if self.setpoints_sent.0.contains(&reply.seq) {
-                        self.setpoints_refused = Some(refusal);
+                    let mut sent = self.setpoints_sent.iter();
+                    if let Some((_, sent)) = sent.find(|(seq, _)| *seq == reply.seq) {
+                        self.setpoints_refused = Some((sent.clone(), refusal));
                         return;
                     }
                 }

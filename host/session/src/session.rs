@@ -8,6 +8,7 @@ use crate::link::RigLink;
 use crate::patience::Pace;
 use crate::timekeeping::Timekeeping;
 use emulator_link::{Pose, Truth};
+use std::collections::VecDeque;
 use std::time::Duration;
 use wire::message::{BoardInfo, CommandError, FaultReport, Response, Sample, Status, UnitSetpoint};
 use wire::{Command, Decoder, UNITS};
@@ -99,10 +100,10 @@ pub struct Session<'l> {
     pub(super) timekeeping: Timekeeping,
     pub(super) setpoints: Option<[UnitSetpoint; UNITS]>,
     pub(super) setpoints_due_ns: u64,
-    /// Numbers of the frames with the last setpoints, the newest last, and what that one was.
-    pub(super) setpoints_sent: ([u16; 8], Option<Command>),
-    /// Why the board has refused setpoints.
-    pub(super) setpoints_refused: Option<CommandError>,
+    /// The last commands with setpoints and the numbers of their frames, the newest first.
+    pub(super) setpoints_sent: VecDeque<(u16, Command)>,
+    /// One of them that the board has refused, and why.
+    pub(super) setpoints_refused: Option<(Command, CommandError)>,
     /// Newest tension of each unit in N, and when (board time, us).
     pub(super) tension_n: [Option<(f64, u64)>; UNITS],
 }
@@ -126,7 +127,7 @@ impl<'l> Session<'l> {
             link,
             decoder: Decoder::new(),
             seq: 0,
-            setpoints_sent: ([0; 8], None),
+            setpoints_sent: VecDeque::new(),
             setpoints_refused: None,
             // A zero ends whatever was on the line before.
             outbox: vec![0],

@@ -1,6 +1,7 @@
 //! How files of measured rows are laid out: what a model file of the analysis says under `[input]`,
 //! and a mapping file of an estimator likewise.
 
+use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// How files are read.
@@ -52,6 +53,34 @@ impl Default for Input {
             messages: vec![],
             sequence: vec![],
         }
+    }
+}
+
+impl Input {
+    /// Refuses values that would lead to numbers without meaning.
+    ///
+    /// # Errors
+    /// [`Error::Model`] with the key and what to write.
+    pub fn check(&self) -> Result<(), Error> {
+        for (bad, what) in [
+            (
+                ![".", ","].contains(&self.decimal.as_str()),
+                "input.decimal is \".\" or \",\"",
+            ),
+            (
+                self.decimal == self.separator,
+                "input.decimal and input.separator are the same: set input.separator = \";\"",
+            ),
+            (
+                !(self.rate.is_finite() && self.rate >= 0.0),
+                "input.rate must be a number of rows per second, or 0",
+            ),
+        ] {
+            if bad {
+                return Err(Error::model(what));
+            }
+        }
+        Ok(())
     }
 }
 

@@ -421,19 +421,7 @@ impl Spec {
     /// Refuses values that would lead to an answer without meaning.
     fn check_values(&self) -> Result<(), Error> {
         let refuse = |bad: bool, what: &str| if bad { Err(Error::model(what)) } else { Ok(()) };
-        let input = &self.input;
-        refuse(
-            ![".", ","].contains(&input.decimal.as_str()),
-            "input.decimal is \".\" or \",\"",
-        )?;
-        refuse(
-            input.decimal == input.separator,
-            "input.decimal and input.separator are the same: set input.separator = \";\"",
-        )?;
-        refuse(
-            !(input.rate.is_finite() && input.rate >= 0.0),
-            "input.rate must be a number of rows per second, or 0",
-        )?;
+        self.input.check()?;
         refuse(
             self.holdout.folds < 2,
             &format!(

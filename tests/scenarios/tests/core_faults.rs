@@ -3,10 +3,10 @@
 //! nothing.
 
 use control::{Fault, SystemState};
-use emulator_link::{Forbidden, Injection, Truth};
+use emulator_link::{DacResetPull, Forbidden, Injection, Truth};
 use session::link::RigLink;
 use test_stand::{all_at_zero, rig, rig_file, Stand};
-use wire::message::BoardInfo;
+use wire::message::{BoardInfo, Pull};
 
 /// Rows until the motors are at 0 V, and from then on they stay there.
 fn rows_to_zero(rows: &[Truth]) -> usize {
@@ -70,6 +70,27 @@ fn a_dip_of_the_supply_is_reported_and_arms_nothing() {
     // The option bytes are read at the start.
     assert_eq!(info.brown_out_level(), BoardInfo::BROWN_OUT_LEVEL);
     assert!(driven_ms <= 2, "{driven_ms} ms");
+}
+
+/// The image looks at the pin itself: registers of the port, with its own pull resistors.
+#[test]
+fn each_start_tells_what_holds_the_reset_line_of_the_dacs() {
+    let mut link = rig(88);
+    for (injected, told) in [
+        (DacResetPull::Down, Pull::Down),
+        (DacResetPull::None, Pull::None),
+        (DacResetPull::Up, Pull::Up),
+    ] {
+        let controls = link.controls().expect("an emulated rig");
+        let injected_now = controls.inject(&Injection::DacResetPull(injected));
+        injected_now.expect("injected");
+        let dip = controls.inject(&Injection::BrownOut);
+        dip.expect("injected");
+        let mut stand = Stand::connect(&mut link);
+        stand.run(0.1);
+        let info = stand.session.info().expect("connected");
+        assert_eq!(info.dac_reset_pull, told);
+    }
 }
 
 fn is_refused(seed: u64, access: Forbidden) -> String {

@@ -431,7 +431,7 @@ fn the_interval_of_the_scale_holds_for_the_next_mounting() {
         };
         let gain = fit(&cell.readings(seed), &options()).unwrap();
         let truth = 1.0 / (CODES_PER_N * (1.0 + next()));
-        held += u32::from((gain.n_per_code - truth).abs() < gain.n_per_code_half_95);
+        held += u32::from((gain.n_per_code - truth).abs() < gain.within_half_95);
     }
     // Binomial(100, 0.95): 95 +- 2.2; 4 standard deviations.
     assert!((87..=100).contains(&held), "{held}");

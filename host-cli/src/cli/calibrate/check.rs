@@ -306,8 +306,7 @@ fn judge(
     let code = loaded.code - 0.5 * (before.code + after.code);
     let measured_n = (unit.n_per_code + unit.n_per_code2 * code) * code;
     let force_n = options.force_n(weight_g);
-    let scale_sd =
-        (unit.n_per_code_sd / unit.n_per_code).hypot(bench.record.common_gain_relative_sd);
+    let scale_sd = (unit.scale_relative_sd(force_n)).hypot(bench.record.common_gain_relative_sd);
     let read_sd_n = unit.n_per_code
         * (loaded.standard_error)
             .hypot(0.5 * before.standard_error)

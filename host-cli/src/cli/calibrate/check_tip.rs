@@ -11,17 +11,17 @@ use calibrate::moving::Collector;
 use calibrate::standin::Weights;
 use calibration::gain::Options as Standard;
 use emulator_link::Injection;
-use force::metrics::Step;
 use known::checks::Check as Checked;
 use known::uncertainty;
 use nalgebra::Vector3;
-use run::{Observer, Options, Phase};
+use run::Options;
 use serde_json::json;
 use session::link::RigLink;
-use session::Received;
 use std::fmt::Write as _;
-use wire::message::{BoardInfo, UnitConfig};
 use wire::UNITS;
+
+/// What the user is told when the tip is to be let go.
+const LET_GO: &str = "now lower the stand, steady the weight, and keep your hands off";
 
 /// Coverage factor of 95 % in one direction.
 const COVERAGE: f64 = 2.0;
@@ -63,11 +63,8 @@ impl Check {
             stop: context.interrupt.flag(),
             ..Options::new(commanded_n, self.duration)
         };
-        let mut caller = Caller {
-            inner: &mut watch,
-            told: hung.is_some(),
-        };
-        let mut collector = Collector::new(&open, &mut caller);
+        let mut collector = Collector::new(&open, &mut watch);
+        collector.notice = hung.is_none().then_some((floating::LET_GO_S, LET_GO));
         let outcome = run::set_force(link.as_mut(), &open, &run_options, &mut collector);
         let samples = std::mem::take(&mut collector.samples);
         drop(collector);
@@ -188,41 +185,5 @@ impl Check {
             "lengths_rms_m": found.lengths_rms_m, "holds": holds}),
         ];
         self.with_history(bench, text, &rows, holds, &today, context)
-    }
-}
-
-/// Tells the user when to let go of the tip; everything goes on to another observer.
-struct Caller<'o> {
-    inner: &'o mut dyn Observer,
-    told: bool,
-}
-
-impl Observer for Caller<'_> {
-    fn progress(&mut self, phase: Phase, fraction: f64) {
-        self.inner.progress(phase, fraction);
-    }
-
-    fn notice(&mut self, text: &str) {
-        self.inner.notice(text);
-    }
-
-    fn configured(&mut self, configs: &[UnitConfig; UNITS]) {
-        self.inner.configured(configs);
-    }
-
-    fn connected(&mut self, board: &BoardInfo) {
-        self.inner.connected(board);
-    }
-
-    fn received(&mut self, received: &Received) {
-        self.inner.received(received);
-    }
-
-    fn step(&mut self, step: &Step) {
-        if step.t_s >= floating::LET_GO_S && !std::mem::replace(&mut self.told, true) {
-            self.inner
-                .notice("now lower the stand, steady the weight, and keep your hands off");
-        }
-        self.inner.step(step);
     }
 }

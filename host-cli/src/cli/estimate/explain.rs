@@ -53,6 +53,13 @@ impl Explain {
                 motor.says.join("; ")
             };
             row!(text, "{:<10} {says}", motor.joint);
+            if motor.paths_not_judged > 0 {
+                row!(
+                    text,
+                    "           {} more courses of the search predict as well; their names were not judged",
+                    motor.paths_not_judged
+                );
+            }
             row!(
                 text,
                 "           torque less expected torque: {:.3} {} RMS, {:.3} {} with that",

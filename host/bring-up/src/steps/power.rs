@@ -15,15 +15,8 @@ const ATTEMPTS: usize = 3;
 
 impl Bench<'_, '_> {
     pub(super) fn power(&mut self, figures: &mut Figures) -> Result<(), BringUpError> {
-        // What an earlier run has seen of the lamps counts no more; pulses of other units do.
-        let unplugged = figures.power.take().unwrap_or_default().unplugged;
-        let power = figures.power.insert(PowerFigures {
-            unplugged,
-            ..PowerFigures::default()
-        });
-        for unit in &self.plan.units {
-            power.unplugged[*unit] = None;
-        }
+        // A record has forgotten what is measured anew (`Record::forget`).
+        let power = figures.power.get_or_insert_with(PowerFigures::default);
         self.clear()?;
         power.alive_withheld = Some(self.settled(SETTLE)?.alive_withheld);
         power.lit_ready = self.look()?;

@@ -39,7 +39,7 @@ use crate::spec::{Action, Input, Spec, MADE};
 use rayon::prelude::*;
 use residual_columns::error::Error;
 use residual_columns::expr::Expr;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Columns of one log, as logged: the units are those of the log. Missing cells are NaN.
@@ -61,6 +61,8 @@ pub struct Table {
     broken: usize,
     /// Rows before which such lines stood.
     breaks: Vec<usize>,
+    /// Line of the first row of a text log whose rows are one line each, with nothing between them.
+    first_line: Option<u64>,
 }
 
 /// Something that was seen on reading a log.
@@ -304,6 +306,18 @@ impl Table {
         }
     }
 
+    /// Lines that are no rows and were left out.
+    #[must_use]
+    pub fn lines_left_out(&self) -> usize {
+        self.broken
+    }
+
+    /// Line of a row of a text log; `None` where it can't be told from the rows.
+    #[must_use]
+    pub fn line(&self, row: usize) -> Option<u64> {
+        Some(self.first_line? + row as u64)
+    }
+
     /// First cell of a column of text, and its line; `None` of any other.
     #[must_use]
     pub fn text(&self, column: &str) -> Option<(&str, u64)> {
@@ -382,12 +396,20 @@ fn is_date(cell: &str) -> bool {
 }
 
 /// Reads one log as it is, with its `time` made where [`Input`] says how. Lines that are no rows
-/// are refused, or left out with [`Action::Drop`]; text in a column of numbers is NaN.
+/// are refused, or left out with [`Action::Drop`], and so are those with text in a column of numbers
+/// that is `used`; in another one it is NaN.
 ///
 /// # Errors
 /// The file can't be read, or its name does not fit.
-pub fn read(path: &Path, input: &Input, lines: Action, time: &str) -> Result<Table, Error> {
-    let mut table = files::read(path, input, lines, &BTreeMap::new())?;
+pub fn read(
+    path: &Path,
+    input: &Input,
+    lines: Action,
+    time: &str,
+    used: &[&str],
+) -> Result<Table, Error> {
+    let used = used.iter().map(|name| ((*name).to_owned(), f64::INFINITY));
+    let mut table = files::read(path, input, lines, &used.collect())?;
     table.add_made(input, time)?;
     Ok(table)
 }

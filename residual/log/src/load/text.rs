@@ -389,13 +389,16 @@ pub(super) fn read(
     let mut breaks: Vec<usize> = Vec::new();
     let mut first_broken = None;
     let mut times: Vec<Option<dates::Kind>> = vec![None; names.len()];
+    let mut lines: Option<(u64, u64)> = None;
     loop {
         let first = columns.first().is_none_or(Vec::is_empty);
-        let found = match csv.read_record(&mut record) {
+        let more = csv.read_record(&mut record);
+        let at = line(&csv, &record, input);
+        let found = match more {
             Ok(false) => break,
             Ok(true) => row(
                 &record,
-                line(&csv, &record, input),
+                at,
                 &Columns {
                     names: &names,
                     used: &used,
@@ -413,6 +416,7 @@ pub(super) fn read(
         };
         match found {
             Line::Row => {
+                lines = Some((lines.map_or(at, |(from, _)| from), at));
                 for (column, value) in columns.iter_mut().zip(&values) {
                     column.push(*value);
                 }
@@ -432,9 +436,13 @@ pub(super) fn read(
     if let Some(why) = first_broken.filter(|_| columns.first().is_none_or(Vec::is_empty)) {
         return Err(why);
     }
+    let rows = columns.first().map_or(0, Vec::len) as u64;
+    // Comments, empty lines and cells of several lines need more lines than there are rows.
+    let even = lines.filter(|(from, to)| to - from + 1 == rows);
     let mut table = Table {
         broken: broken_lines,
         breaks,
+        first_line: even.map(|(from, _)| from),
         ..Table::default()
     };
     for (((name, column), text), time) in names.into_iter().zip(columns).zip(text).zip(times) {
