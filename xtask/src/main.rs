@@ -25,6 +25,7 @@ mod renode;
 mod report;
 mod rig;
 mod rust_version;
+mod side_by_side;
 mod suite;
 mod tally;
 mod tested_mutants;
@@ -164,6 +165,7 @@ fn dispatch() -> Result<u8, Stop> {
             Ok(0)
         }
         "help" => print_help(parser),
+        side_by_side::RUNNER => Ok(side_by_side::note(&rest(parser)?)?),
         other => Err(not_a_command(other)),
     }
 }

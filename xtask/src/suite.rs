@@ -4,6 +4,7 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
@@ -14,6 +15,7 @@ use crate::toolchain::{setup, Arm, TARGET};
 use crate::workspace::Workspace;
 use crate::{
     comments, firmware, inspect, links, optional, pypi, python, renode, rig, rust_version,
+    side_by_side,
 };
 
 /// How a step ended when it didn't fail.
@@ -261,52 +263,37 @@ impl Suite<'_> {
     /// Runs a `cargo test` or pytest, counts its results, shows what is news and keeps everything
     /// in a log.
     fn tests(&mut self, command: &mut Command) -> Result<Outcome> {
-        let folder = self.workspace.notes();
-        let path = folder.join(format!("{}.log", self.current));
-        let mut log = fs::create_dir_all(&folder)
-            .and_then(|()| fs::File::create(&path))
-            .map_err(|error| Failure::new(format!("{} can't be made: {error}", path.display())))?;
-        // What this user has calibrated is none of the tests' business: they begin with an empty
-        // folder.
-        let state = folder.join("state");
-        let _ = fs::remove_dir_all(&state);
-        let mut child = command
-            .env("FORCECTL_STATE_DIR", &state)
-            .stdout(Stdio::piped())
-            .spawn()
-            .map_err(|error| process::not_started(command, &error))?;
-        let mut sum = Tally::default();
-        if let Some(output) = child.stdout.take() {
-            let mut reader = BufReader::new(output);
-            let mut line = Vec::new();
-            // Bytes, not text: a failing test may print anything.
-            while reader
-                .read_until(b'\n', &mut line)
-                .map_err(|error| Failure::new(format!("reading the tests' output: {error}")))?
-                > 0
-            {
-                let text = String::from_utf8_lossy(&line);
-                let text = text.trim_end();
-                if let Some(tally) = Tally::from_line(text) {
-                    sum += tally;
-                }
-                if self.verbose || is_news(text) {
-                    println!("{text}");
-                }
-                // The log is a convenience: a full disk must not look like a failed test.
-                let _ = log.write_all(&line);
-                line.clear();
-            }
-        }
-        let status = child
-            .wait()
-            .map_err(|error| process::not_started(command, &error))?;
+        let mut results = Results::of(self)?;
+        let ended = results.stream(command);
+        self.close(results, ended)
+    }
+
+    /// The same for a `cargo test` with many executables, which run side by side.
+    fn many_tests(&mut self, mut command: impl FnMut() -> Command) -> Result<Outcome> {
+        // Compiling shows its progress; what is then started by cargo only notes itself.
+        process::run(command().arg("--no-run"))?;
+        let folder = self.workspace.notes().join("executables");
+        let mut results = Results::of(self)?;
+        let ended = side_by_side::arguments(&folder)
+            .and_then(|runner| results.stream(command().args(runner).arg("--quiet")))
+            .and_then(|()| {
+                side_by_side::run(&folder, |executable, output| {
+                    results.take(format!("{executable}:").as_bytes());
+                    for part in [&output.stdout, &output.stderr] {
+                        part.split(|byte| *byte == b'\n')
+                            .for_each(|line| results.take(line));
+                    }
+                })
+            });
+        self.close(results, ended)
+    }
+
+    fn close(&mut self, results: Results, ended: Result<()>) -> Result<Outcome> {
+        let Results { sum, path, .. } = results;
         self.tally += sum;
-        process::check(command, status).map_err(|failure| {
-            Failure::new(format!(
-                "{sum}; {failure}; full output in {}",
-                self.workspace.show(&path)
-            ))
+        ended.map_err(|failure| {
+            let path = self.workspace.show(&path);
+            Failure::new(format!("{sum}; {failure}; full output in {path}"))
         })?;
         Ok(Outcome::Done(sum.to_string()))
     }
@@ -315,6 +302,70 @@ impl Suite<'_> {
     fn has(&self, component: &str) -> bool {
         process::capture(process::cargo(Sees::CompilerAndFlags).args([component, "--version"]))
             .is_ok_and(|output| output.status.success())
+    }
+}
+
+/// What the tests of a step print.
+struct Results {
+    sum: Tally,
+    verbose: bool,
+    path: PathBuf,
+    log: fs::File,
+    state: PathBuf,
+}
+
+impl Results {
+    fn of(suite: &Suite) -> Result<Self> {
+        let folder = suite.workspace.notes();
+        let path = folder.join(format!("{}.log", suite.current));
+        let log = fs::create_dir_all(&folder)
+            .and_then(|()| fs::File::create(&path))
+            .map_err(|error| Failure::new(format!("{} can't be made: {error}", path.display())))?;
+        // What this user has calibrated is none of the tests' business: they begin with an empty
+        // folder.
+        let state = folder.join("state");
+        let _ = fs::remove_dir_all(&state);
+        Ok(Self {
+            sum: Tally::default(),
+            verbose: suite.verbose,
+            path,
+            log,
+            state,
+        })
+    }
+
+    /// Takes the lines of a command while it runs.
+    fn stream(&mut self, command: &mut Command) -> Result<()> {
+        let mut child = command
+            .env("FORCECTL_STATE_DIR", &self.state)
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|error| process::not_started(command, &error))?;
+        if let Some(output) = child.stdout.take() {
+            for line in BufReader::new(output).split(b'\n') {
+                let line = line
+                    .map_err(|error| Failure::new(format!("reading the tests' output: {error}")))?;
+                self.take(&line);
+            }
+        }
+        let status = child
+            .wait()
+            .map_err(|error| process::not_started(command, &error))?;
+        process::check(command, status)
+    }
+
+    /// Bytes, not text: a failing test may print anything.
+    fn take(&mut self, line: &[u8]) {
+        let text = String::from_utf8_lossy(line);
+        let text = text.trim_end();
+        if let Some(tally) = Tally::from_line(text) {
+            self.sum += tally;
+        }
+        if self.verbose || is_news(text) {
+            println!("{text}");
+        }
+        // The log is a convenience: a full disk must not look like a failed test.
+        let _ = self.log.write_all(&[line, b"\n"].concat());
     }
 }
 
@@ -383,9 +434,12 @@ fn by_tool(suite: &Suite, tool: &optional::Tool) -> Result<Outcome> {
 }
 
 fn host(suite: &mut Suite) -> Result<Outcome> {
-    let mut command = rig::cargo(suite.workspace, "test");
-    command.arg("--no-fail-fast").args(NO_IMAGE).args(NETWORKS);
-    suite.tests(&mut command)
+    let workspace = suite.workspace;
+    suite.many_tests(|| {
+        let mut command = rig::cargo(workspace, "test");
+        command.arg("--no-fail-fast").args(NO_IMAGE).args(NETWORKS);
+        command
+    })
 }
 
 fn no_std(suite: &mut Suite) -> Result<Outcome> {
@@ -430,17 +484,17 @@ fn emulated(suite: &mut Suite) -> Result<Outcome> {
     suite.image()?;
     let workspace = suite.workspace;
     rig::build(workspace, &["rig", "forcectl"])?;
-    let mut command = rig::cargo_for(workspace, "test");
-    command
-        .arg("--no-fail-fast")
-        .args(rig::EMULATED)
-        .env(rig::ELF_VARIABLE, workspace.firmware_elf())
-        .env(rig::RIG_VARIABLE, workspace.program("rig"))
-        .env(
-            rig::STACK_VARIABLE,
-            inspect::stack_bound(workspace)?.to_string(),
-        );
-    suite.tests(&mut command)
+    let stack = inspect::stack_bound(workspace)?.to_string();
+    suite.many_tests(|| {
+        let mut command = rig::cargo_for(workspace, "test");
+        command
+            .arg("--no-fail-fast")
+            .args(rig::EMULATED)
+            .env(rig::ELF_VARIABLE, workspace.firmware_elf())
+            .env(rig::RIG_VARIABLE, workspace.program("rig"))
+            .env(rig::STACK_VARIABLE, &stack);
+        command
+    })
 }
 
 fn ros1(suite: &mut Suite) -> Result<Outcome> {
