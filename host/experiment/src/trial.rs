@@ -30,7 +30,7 @@ use nalgebra::Vector3;
 use recording::{Metadata, Recorder};
 use rig::Rig;
 use robot::arm::Truth as ArmTruth;
-use robot::source::{SourceConfig, SourceError};
+use robot::source::{Poll, SourceConfig, SourceError};
 use robot::state::RobotState;
 use rows::RowRate;
 use run::{Observer, Phase, RunError, Zeroing};
@@ -252,8 +252,7 @@ struct Run<'a> {
     commanded_since_ns: Option<u64>,
 }
 
-/// The tip, and when its state came, ns.
-fn tip_of(state: &RobotState) -> Option<(Vector3<f64>, Option<i64>)> {
-    let received_ns = state.received.as_ref().map(|stamp| stamp.t_ns);
-    (state.tip.as_ref()).map(|tip| (tip.position_m.into(), received_ns))
+/// The tip, and when it was there, ns, where that is known.
+fn tip_of(poll: &Poll, state: &RobotState) -> Option<(Vector3<f64>, Option<i64>)> {
+    (state.tip.as_ref()).map(|tip| (tip.position_m.into(), poll.tip_at_ns(state)))
 }

@@ -82,6 +82,8 @@ pub struct UdpPoses {
     max_age_s: f64,
     /// The newest pose and when it came, ns since `began`.
     newest: Option<(i64, Vector3<f64>)>,
+    /// When the newest pose was, ns since `began`, where its sender stamps it.
+    tip_at_ns: Option<i64>,
     /// When it was asked for, ns since `began`.
     asked_ns: i64,
     began: Instant,
@@ -135,7 +137,7 @@ impl PoseSource {
                 now_s: s(now_ns as f64),
             }),
             Self::Static(_) => None,
-            Self::Udp(poses) => poses.newest.map(|(at_ns, _)| Moment {
+            Self::Udp(poses) => poses.tip_at_ns.map(|at_ns| Moment {
                 tip_s: s(at_ns as f64),
                 now_s: s(poses.asked_ns as f64),
             }),
@@ -149,6 +151,7 @@ impl PoseSource {
         if let Self::Udp(poses) = self {
             poses.source.forget();
             poses.newest = None;
+            poses.tip_at_ns = None;
             poses.since = Instant::now();
         }
     }
@@ -185,6 +188,7 @@ impl UdpPoses {
             listen: listen.to_owned(),
             max_age_s,
             newest: None,
+            tip_at_ns: None,
             asked_ns: 0,
             began: Instant::now(),
             since: Instant::now(),
@@ -206,18 +210,19 @@ impl UdpPoses {
                 return Err(wrong(&self.listen, event));
             }
         };
-        for event in poll.events {
+        for event in &poll.events {
             match event {
                 // Too many of them in a row are a pose that is too old.
                 Event::Invalid(_) => self.bad += 1,
                 Event::Silent { .. } => {}
-                event if event.stops() => return Err(wrong(&self.listen, event)),
+                event if event.stops() => return Err(wrong(&self.listen, event.clone())),
                 _ => {}
             }
         }
-        for state in poll.states {
-            if let (Some(tip), Some(received)) = (state.tip, state.received) {
+        for state in &poll.states {
+            if let (Some(tip), Some(received)) = (&state.tip, &state.received) {
                 self.newest = Some((received.t_ns, tip.position_m.into()));
+                self.tip_at_ns = poll.tip_at_ns(state);
             }
         }
         let age_s = match self.newest {

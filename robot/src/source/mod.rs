@@ -61,9 +61,29 @@ pub struct Poll {
     pub commands: Vec<String>,
     /// How often a part of a state was left out for a flaw, by part; the state was used without it.
     pub left_out: BTreeMap<&'static str, u64>,
+    /// Our time less the robot's for the state that was on its way for the shortest time, of the
+    /// last one to two seconds, ns.
+    pub least_delay_ns: i64,
 }
 
 impl Poll {
+    /// When the tip of one of [`Self::states`] was there, on our clock, ns: its stamp, as if it had
+    /// been on its way as long as the fastest. So the scatter of the arrivals is not in it; a
+    /// constant delay is. `None` without a tip, and where only the arrival is known.
+    #[must_use]
+    pub fn tip_at_ns(&self, state: &RobotState) -> Option<i64> {
+        let stamp_ns = state.tip.as_ref()?.stamp_ns.unwrap_or(state.stamp.t_ns);
+        match &state.received {
+            None => Some(stamp_ns),
+            Some(received) if received.clock == state.stamp.clock => None,
+            Some(received) => Some(
+                stamp_ns
+                    .saturating_add(self.least_delay_ns)
+                    .min(received.t_ns),
+            ),
+        }
+    }
+
     /// The first event for which the rig has to go to its safe state.
     #[must_use]
     pub fn stop(&self) -> Option<&Event> {
@@ -87,6 +107,7 @@ impl Poll {
         for (part, count) in later.left_out {
             *self.left_out.entry(part).or_default() += count;
         }
+        self.least_delay_ns = later.least_delay_ns;
     }
 }
 
@@ -530,6 +551,7 @@ fn sift(
         }
     }
     poll.events.extend(watch.tick(now_ns));
+    poll.least_delay_ns = watch.least_delay_ns();
     poll
 }
 

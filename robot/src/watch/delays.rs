@@ -13,7 +13,7 @@ const RATE_BLOCKS: u32 = 3;
 /// seconds. What is above is delay, what falls far below is a clock that jumped, and what drifts is
 /// a clock of another rate.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Delays {
+pub struct Delays {
     now: Option<Block>,
     before: Option<Block>,
     /// Blocks in a row with a wrong rate, and the last rate.
@@ -29,7 +29,8 @@ struct Block {
 }
 
 impl Delays {
-    pub(super) fn note(&mut self, at_ns: i64, delay_ns: i64) {
+    /// A state came at `at_ns` of our clock, `delay_ns` after its stamp.
+    pub fn note(&mut self, at_ns: i64, delay_ns: i64) {
         match &mut self.now {
             Some(now) if at_ns - now.since_ns < BLOCK_NS => {
                 now.least_ns = now.least_ns.min(delay_ns);
@@ -54,8 +55,9 @@ impl Delays {
         }
     }
 
-    /// The least delay; 0 before the first.
-    pub(super) fn least_ns(&self) -> i64 {
+    /// The least delay, ns; 0 before the first state.
+    #[must_use]
+    pub fn least_ns(&self) -> i64 {
         let least = |block: &Block| block.least_ns;
         let blocks = [&self.now, &self.before];
         (blocks.into_iter().flatten().map(least).min()).unwrap_or_default()

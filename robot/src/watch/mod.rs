@@ -12,10 +12,10 @@
 mod delays;
 mod event;
 
+pub use delays::Delays;
 pub use event::{Event, Unfit};
 
 use crate::state::{JointState, RobotState, StateError};
-use delays::Delays;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -151,6 +151,11 @@ impl Watch {
             return None;
         };
         (self.flawed.insert(field)).then(|| Event::LeftOut(flaw.clone()))
+    }
+
+    /// Our time less the robot's stamp for the fastest state of the last one to two seconds, ns.
+    pub(crate) fn least_delay_ns(&self) -> i64 {
+        self.delays.least_ns()
     }
 
     /// A state came at `now_ns` of our clock. `Ok`: it can be used, with an event that does not

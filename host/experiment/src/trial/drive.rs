@@ -106,13 +106,14 @@ impl Run<'_> {
                 .map_err(|error| robot_gone(&error))?;
             let received = session.drain();
             self.log.received(&received);
+            self.newest =
+                (fresh.poll.states.iter().rev()).find_map(|state| tip_of(&fresh.poll, state));
             for event in fresh.poll.events {
                 let is_cause = !matches!(event, Event::Silent { .. });
                 if why.is_none() || is_cause {
                     why = Some(event);
                 }
             }
-            self.newest = fresh.poll.states.iter().rev().find_map(tip_of);
             if self.newest.is_some() {
                 return Ok(());
             }

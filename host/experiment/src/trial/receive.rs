@@ -37,7 +37,7 @@ impl Run<'_> {
         for state in fresh.poll.states.iter().filter(|_| stop.is_none()) {
             // A state without a tip leaves the one before in force. How old that may get is watched
             // where states come from.
-            self.newest = tip_of(state).or(self.newest);
+            self.newest = tip_of(&fresh.poll, state).or(self.newest);
             self.row(state, now_ns);
         }
         if let Some(joiner) = &mut self.joiner {
