@@ -591,3 +591,71 @@ fn tip_in_rig(tip: &TipState, mount: &Mount) -> TipState {
         angular_velocity_rad_per_s: tip.angular_velocity_rad_per_s.map(turn),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::state::{Clock, Stamp};
+
+    /// A robot's clock is this far from ours, ns.
+    const AHEAD_NS: i64 = 1_700_000_000_000_000_000;
+
+    fn state(stamp: (Clock, i64), came: Option<(Clock, i64)>) -> RobotState {
+        let at = |(clock, t_ns)| Stamp { clock, t_ns };
+        RobotState {
+            publisher: "test".into(),
+            sequence: None,
+            stamp: at(stamp),
+            received: came.map(at),
+            joints: None,
+            tip: Some(TipState {
+                frame: Frame::Rig,
+                frame_id: "".into(),
+                stamp_ns: None,
+                position_m: [0.1, 0.2, 0.3],
+                orientation_xyzw: None,
+                velocity_m_per_s: None,
+                angular_velocity_rad_per_s: None,
+            }),
+            force: None,
+            operating: None,
+        }
+    }
+
+    #[test]
+    fn a_pose_that_comes_late_was_there_all_the_same() {
+        let mut source = Fed::new("test", WatchConfig::default());
+        for n in 0..300_i64 {
+            let was_ns = n * 10_000_000;
+            // 2 ms on their way at least, and up to 6 ms more.
+            let came_ns = was_ns + 2_000_000 + n * 7 % 5 * 1_500_000;
+            source.feed([state(
+                (Clock::RobotUtc, was_ns + AHEAD_NS),
+                Some((Clock::HostMonotonic, came_ns)),
+            )]);
+            let poll = source.poll(was_ns + 9_000_000).unwrap();
+            let at_ns = poll.tip_at_ns(&poll.states[0]).unwrap();
+            assert!(at_ns <= came_ns, "{n}: {at_ns}");
+            // One of five is not late; its block of a second has to have begun.
+            assert!(n < 5 || at_ns == was_ns + 2_000_000, "{n}: {at_ns}");
+        }
+    }
+
+    #[test]
+    fn an_arrival_alone_is_no_time_of_a_pose_and_a_stamp_of_our_clock_is() {
+        let mut source = Fed::new("test", WatchConfig::default());
+        let came = (Clock::HostMonotonic, 4_000_000);
+        source.feed([state(came.clone(), Some(came))]);
+        source.feed([state((Clock::Virtual, 5_000_000), None)]);
+        let poll = source.poll(6_000_000).unwrap();
+        let times: Vec<_> = poll
+            .states
+            .iter()
+            .map(|state| poll.tip_at_ns(state))
+            .collect();
+        assert_eq!(times, [None, Some(5_000_000)]);
+        let mut blind = poll.states[1].clone();
+        blind.tip = None;
+        assert_eq!(poll.tip_at_ns(&blind), None);
+    }
+}
