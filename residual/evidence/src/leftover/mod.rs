@@ -16,7 +16,7 @@ use residual_columns::format::{num, percent};
 use residual_columns::frame::Frame;
 use residual_columns::stats;
 use residual_effects::{lines_of_inputs, Context};
-use residual_fit::diagnostics::{switching, unlike_noise, Along, Growth, Sort, UnlikeNoise};
+use residual_fit::diagnostics::{levels, switching, unlike_noise, Along, Growth, Sort, UnlikeNoise};
 use residual_log::finding::Finding;
 use residual_search::model::{Chosen, Fitted};
 use residual_search::ranking::{Acceptance, Step, RANDOM_WALK};
@@ -149,6 +149,7 @@ impl Leftover {
         out.lines_of_inputs(search, fitted);
         let frame = search.problem.kept_frame();
         out.switching(search, &fitted.fit.residual, &frame, held);
+        out.levels(search, &fitted.fit.residual, &frame, held);
         out.unlike_noise(search, &fitted.fit.residual, &frame, held);
         Ok(out)
     }
@@ -313,6 +314,28 @@ impl Leftover {
             self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
             self.unexplained |= self.large(switching.share * held);
         }
+    }
+
+    /// Adds a slow part that keeps to levels which single rows and blocks don't show.
+    fn levels(&mut self, search: &Search, residual: &[f64], frame: &Frame, held: f64) {
+        // What its share must be for its gain to be material.
+        let least = 1.0 - (1.0 - search.spec.selection.material).powi(2);
+        let Some(found) = levels(residual, frame, least) else {
+            return;
+        };
+        let rate = 1.0 / frame.step();
+        let share = found.share.min(1.0);
+        self.structure.push(Structure {
+            depends_on: format!(
+                "no column: a slow part, mostly from {} to {} Hz, that keeps to levels as noise does not",
+                num(found.between.0 * rate),
+                num(found.between.1 * rate)
+            ),
+            gain: 1.0 - (1.0 - share).sqrt(),
+            p_value: found.p,
+        });
+        self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+        self.unexplained |= self.large(share * held);
     }
 
     /// Adds what distinguishes the residual from the noise of a sensor: something acts that these
