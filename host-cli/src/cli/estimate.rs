@@ -163,13 +163,17 @@ struct Recalibrate {
 const FREE_N: f64 = 0.2;
 
 impl Recalibrate {
-    fn run(&self) -> Result<Reply> {
+    fn run(&self, context: &Context) -> Result<Reply> {
         let mut estimator = model(&self.model)?;
         let card = ModelCard::read(&self.model)?;
-        let mapping = mapping(self.mapping.as_ref())?;
-        let rate_hz = 1.0 / estimator.step_s;
         // Free motion needs no measured force. One that is there tells whether it was free.
-        let mut data = load::load(&self.log, &mapping, rate_hz, Label::WhereThere)?;
+        let mut data = read(
+            context,
+            &self.log,
+            self.mapping.as_ref(),
+            1.0 / estimator.step_s,
+            Label::WhereThere,
+        )?;
         self.check_free(&data)?;
         load::check_robot(&estimator, &data.robot, self.any_robot)?;
         data.fit_inputs(&estimator).map_err(Failure::usage)?;
@@ -335,34 +339,48 @@ impl Estimate {
             Sub::Train(command) => command.run(context),
             Sub::Eval(command) => command.run(context),
             Sub::Run(command) => command.run(context),
-            Sub::Recalibrate(command) => command.run(),
-            Sub::Explain(command) => command.run(),
+            Sub::Recalibrate(command) => command.run(context),
+            Sub::Explain(command) => command.run(context),
             Sub::Export(command) => command.run(),
             Sub::Report(command) => command.run(context),
         }
     }
 }
 
+/// Reads logs, and says what was left out of them.
+fn read(
+    context: &Context,
+    path: &Path,
+    words: Option<&PathBuf>,
+    rate_hz: f64,
+    label: Label,
+) -> Result<Data> {
+    let data = load::load(path, &mapping(words)?, rate_hz, label)?;
+    data.losses().iter().for_each(|l| context.output.note(l));
+    Ok(data)
+}
+
 impl DataArgs {
-    fn load(&self, path: &Path) -> Result<Data> {
+    fn load(&self, context: &Context, path: &Path) -> Result<Data> {
         if !(1.0..=1000.0).contains(&self.rate) {
             return Err(Failure::usage(format!(
                 "--rate {}: allowed are 1 to 1000 Hz",
                 self.rate
             )));
         }
-        Ok(load::load(
+        read(
+            context,
             path,
-            &mapping(self.mapping.as_ref())?,
+            self.mapping.as_ref(),
             self.rate,
             Label::Needed,
-        )?)
+        )
     }
 }
 
 impl Train {
     fn run(&self, context: &Context) -> Result<Reply> {
-        let data = self.read.load(&self.data)?;
+        let data = self.read.load(context, &self.data)?;
         let (training, test) = data.split(&self.test)?;
         let rows: Vec<&Sequence> = data.of(&training);
         // Now, and not after the minutes of a training that would be lost.
@@ -435,11 +453,12 @@ impl Train {
 }
 
 impl Eval {
-    fn run(&self, _context: &Context) -> Result<Reply> {
+    fn run(&self, context: &Context) -> Result<Reply> {
         let estimator = model(&self.model)?;
-        let mut data = load::load(
+        let mut data = read(
+            context,
             &self.data,
-            &mapping(self.mapping.as_ref())?,
+            self.mapping.as_ref(),
             1.0 / estimator.step_s,
             Label::Needed,
         )?;

@@ -319,11 +319,8 @@ impl ModelCard {
                 source.sha256
             ));
         }
-        for source in self.sources.iter().filter(|s| s.lines_left_out > 0) {
-            line(format!(
-                "\n{} lines of {} are no rows and were left out.",
-                source.lines_left_out, source.file
-            ));
+        for loss in self.sources.iter().filter_map(Source::loss) {
+            line(format!("\n{loss}"));
         }
         text
     }

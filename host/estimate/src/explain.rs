@@ -227,12 +227,13 @@ pub const CANNOT_TELL: &str = "these rows cannot tell them apart";
 
 /// What a report says of a motor. `floor`: error of its balance in training.
 fn words(report: &Report, joint: &str, unit: &str, friction: &Friction, floor: f64) -> Vec<String> {
-    let mut out = Vec::new();
     let known = |effect: &&Effect| report.verdict != Verdict::Unknown || report.holds(effect);
-    // The most valuable effects come first.
+    // The most valuable effects come first. Several may have the same words: those that go with the
+    // angle are one thing to a reader.
+    let mut said: Vec<(String, Vec<Vec<EffectKind>>)> = Vec::new();
     let mut friction_changed = false;
     for effect in report.effects.iter().filter(known) {
-        let mut text = word(effect, joint, unit, friction);
+        let text = word(effect, joint, unit, friction);
         let mut others = report.others(effect.name);
         let twin = match effect.name {
             EffectKind::Gain => Some(EffectKind::Coulomb),
@@ -243,16 +244,35 @@ fn words(report: &Report, joint: &str, unit: &str, friction: &Friction, floor: f
         };
         friction_changed |= matches!(effect.name, EffectKind::Gain | EffectKind::Coulomb);
         let twin = twin.map(|twin| vec![twin]).filter(|_| friction.is_all);
-        others.extend(twin.filter(|twin| !others.contains(twin)));
-        if !others.is_empty() {
-            let together = |names: &Vec<EffectKind>| {
-                let names: Vec<String> = names.iter().map(|name| family(*name, joint)).collect();
-                names.join(" with ")
-            };
-            let others: Vec<String> = others.iter().map(together).collect();
-            text += &format!("; or {}: {CANNOT_TELL}", others.join(" or "));
+        others.extend(twin);
+        let at = said.iter().position(|(known, _)| *known == text);
+        let at = at.unwrap_or_else(|| {
+            said.push((text, vec![]));
+            said.len() - 1
+        });
+        for other in others {
+            if !said[at].1.contains(&other) {
+                said[at].1.push(other);
+            }
         }
-        out.push(text);
+    }
+    let together = |names: &Vec<EffectKind>| {
+        let names: Vec<String> = names.iter().map(|name| family(*name, joint)).collect();
+        names.join(" with ")
+    };
+    let mut out: Vec<String> = Vec::new();
+    for (text, others) in said {
+        let mut all: Vec<String> = Vec::new();
+        for other in others.iter().map(together) {
+            // What is said already is no other name of it.
+            if other != text && !all.contains(&other) {
+                all.push(other);
+            }
+        }
+        out.push(match all.is_empty() {
+            true => text,
+            false => format!("{text}; or {}: {CANNOT_TELL}", all.join(" or ")),
+        });
     }
     let left = if out.is_empty() {
         report.baseline.heldout_rmse
@@ -338,7 +358,48 @@ fn family(effect: EffectKind, joint: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::moved;
+    use super::*;
+
+    /// What is said of a motor with two equal trials, whose torque lacks `torque` at each row.
+    fn said(torque: impl Fn(&Balance) -> f64) -> Vec<String> {
+        let row = |k: usize| {
+            let time_s = 0.1 * k as f64;
+            // Two turns back and forth, and a little that repeats with neither.
+            let (phase, other) = (0.21 * time_s, 0.577 * time_s);
+            let angle = 12.0 * phase.sin() + other.sin();
+            let turn_rate = 12.0 * 0.21 * phase.cos() + 0.577 * other.cos();
+            let friction = 1.0_f64.copysign(turn_rate);
+            // The noise of the balance: a number that looks drawn.
+            let noise = ((k * k * 7 + k * 131) % 97) as f64 / 97.0 - 0.5;
+            let mut row = Balance {
+                time_s,
+                torque: 0.0,
+                expected: friction + 0.6 * (0.9 * time_s).sin(),
+                friction,
+                coulomb: 1.0,
+                turn_rate,
+                angle,
+                deviation: 0.01,
+            };
+            row.torque = row.expected + torque(&row) + 0.02 * noise;
+            row
+        };
+        let trial = |from: usize| (from..from + 1500).map(row).collect::<Vec<_>>();
+        analyse(1, &[trial(0), trial(4000)]).expect("analysed").says
+    }
+
+    #[test]
+    fn what_goes_with_the_angle_is_said_once() {
+        let says = said(|row| 0.3 * (2.0 * row.angle).sin() + 0.2 * (3.0 * row.angle).cos());
+        let texts = says
+            .iter()
+            .filter(|text| text.contains("goes with the angle"));
+        assert_eq!(texts.count(), 1, "{says:?}");
+        assert!(
+            says[0].matches("goes with the angle").count() == 1,
+            "{says:?}"
+        );
+    }
 
     #[test]
     fn a_share_of_nothing_has_no_size() {

@@ -39,6 +39,22 @@ pub struct Source {
     pub lines_left_out: usize,
 }
 
+impl Source {
+    /// How many lines were left out, in a sentence; `None` where none was.
+    #[must_use]
+    pub fn loss(&self) -> Option<String> {
+        let (lines, are) = match self.lines_left_out {
+            0 => return None,
+            1 => ("line", "is no row and was"),
+            _ => ("lines", "are no rows and were"),
+        };
+        Some(format!(
+            "{} {lines} of {} {are} left out.",
+            self.lines_left_out, self.file
+        ))
+    }
+}
+
 /// What a data card tells of the label's time, from the experiment's own figures.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sampling {
@@ -383,6 +399,12 @@ pub fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<(), 
 }
 
 impl Data {
+    /// What was left out of the files, a sentence for each that lost lines.
+    #[must_use]
+    pub fn losses(&self) -> Vec<String> {
+        self.sources.iter().filter_map(Source::loss).collect()
+    }
+
     /// Numbers of the trials, in order.
     #[must_use]
     pub fn trials(&self) -> Vec<usize> {
@@ -790,6 +812,8 @@ mod tests {
         assert!(error.contains("row 41, line 43"), "{error}");
         let data = read(&effort, "text = \"drop\"\n").unwrap();
         assert_eq!(data.sources[0].lines_left_out, 1);
+        let loss = "1 line of effort.csv is no row and was left out.";
+        assert_eq!(data.losses(), [loss]);
         // The seconds before the gap are too short for a stretch.
         assert_eq!(data.sequences[0].rows(), table.rows() - 41);
         let marks = write("marks.csv", 40, "quality");

@@ -127,11 +127,18 @@ pub fn find(
 
 /// The delay of the drive that a report found, s, whatever its verdict; 0: none.
 fn delay_s(report: &Report) -> f64 {
-    let mut named = report.clone();
-    named.verdict = Verdict::Several;
-    named
+    as_several(report)
         .compensation()
         .map_or(0.0, |compensation| compensation.delay_s)
+}
+
+/// A report as it would be if its effects were certain.
+fn as_several(report: &Report) -> Report {
+    Report {
+        verdict: Verdict::Several,
+        paths_not_judged: 0,
+        ..report.clone()
+    }
 }
 
 /// The delay that each unit's gains have to allow for, s, from those that were found; `None`: the
@@ -154,9 +161,7 @@ fn delays_of_all(found: [Option<f64>; UNITS]) -> [f64; UNITS] {
 /// What helps against the found effects for which the board has no setting, whatever the verdict.
 #[must_use]
 pub fn advice(report: &Report) -> Vec<String> {
-    let mut named = report.clone();
-    named.verdict = Verdict::Several;
-    let left_out = named.compensation().map_or_else(
+    let left_out = as_several(report).compensation().map_or_else(
         || report.effects.iter().map(|e| e.name.to_string()).collect(),
         |compensation| compensation.left_out,
     );

@@ -91,11 +91,16 @@ impl Report {
     /// What a board can compensate. `None` if nothing was found, or if the verdict does not support
     /// a change of the board: `unknown`, and `not_identifiable` unless a board compensates all
     /// effects that cannot be told apart by the same setting (dry friction with or without load,
-    /// delay or lag).
+    /// delay or lag). `None` also where further courses of the search predict as well and their
+    /// names were not judged ([`Report::paths_not_judged`]).
     ///
     /// It is computed from kinds, forms and parameters; no label or sentence of the report counts.
     /// The example of `residual::analyse` shows it.
     pub fn compensation(&self) -> Option<Compensation> {
+        // What predicts as well and was not judged may lead to another setting.
+        if self.paths_not_judged > 0 {
+            return None;
+        }
         match self.verdict {
             Verdict::Effect | Verdict::Several => {}
             Verdict::NotIdentifiable

@@ -444,6 +444,7 @@ mod tests {
         for (count, said) in [(1, "One more course of"), (4, "4 more courses of")] {
             report.paths_not_judged = count;
             says(&report, said, "effect partly");
+            assert!(report.compensation().is_none());
         }
     }
 

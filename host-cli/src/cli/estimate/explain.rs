@@ -1,7 +1,8 @@
 //! `forcectl estimate explain`: what has changed of a robot since a model was trained, in words.
 
-use super::{mapping, model};
+use super::{model, read};
 use crate::cli::exit::{Failure, Reply, Result};
+use crate::cli::Context;
 use clap::Args;
 use estimate::explain;
 use estimate::load;
@@ -32,11 +33,15 @@ pub struct Explain {
 
 impl Explain {
     /// Runs the command.
-    pub fn run(&self) -> Result<Reply> {
+    pub fn run(&self, context: &Context) -> Result<Reply> {
         let estimator = model(&self.model)?;
-        let rate_hz = 1.0 / estimator.step_s;
-        let mapping = mapping(self.mapping.as_ref())?;
-        let mut data = load::load(&self.data, &mapping, rate_hz, Label::WhereThere)?;
+        let mut data = read(
+            context,
+            &self.data,
+            self.mapping.as_ref(),
+            1.0 / estimator.step_s,
+            Label::WhereThere,
+        )?;
         load::check_robot(&estimator, &data.robot, self.any_robot)?;
         data.fit_inputs(&estimator).map_err(Failure::usage)?;
         let sequences: Vec<&Sequence> = if self.trials.is_empty() {

@@ -1,6 +1,6 @@
 //! `forcectl estimate run`: a force for each row, as the rows come.
 
-use super::{mapping, model};
+use super::{model, read};
 use crate::cli::exit::{self, Failure, Reply, Result};
 use crate::cli::Context;
 use clap::Args;
@@ -206,10 +206,14 @@ impl Live {
     }
 
     fn replay(&self, context: &Context, estimator: &Estimator, log: &Path) -> Result<Reply> {
-        let mapping = mapping(self.mapping.as_ref())?;
-        let rate_hz = 1.0 / estimator.step_s;
         // With the measured force where the log has it; a replay does not need it.
-        let mut data = load::load(log, &mapping, rate_hz, Label::WhereThere)?;
+        let mut data = read(
+            context,
+            log,
+            self.mapping.as_ref(),
+            1.0 / estimator.step_s,
+            Label::WhereThere,
+        )?;
         // A log alone names no robot; a data card beside it, or a mapping, does.
         if data.robot == load::UNNAMED || estimator.robot == load::UNNAMED {
             context.output.note(&format!(

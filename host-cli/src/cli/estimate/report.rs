@@ -60,15 +60,15 @@ impl Report {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         // First, because it is quick and the rest is not.
         report::probe(&self.into)?;
-        let data = self.read.load(&self.data)?;
+        let data = self.read.load(context, &self.data)?;
         let mut also = Vec::new();
         for set in &self.also {
-            also.push((set.name.clone(), self.read.load(&set.folder)?));
+            also.push((set.name.clone(), self.read.load(context, &set.folder)?));
         }
         let three_axes = self
             .three_axes
             .as_ref()
-            .map(|dir| self.read.load(dir))
+            .map(|dir| self.read.load(context, dir))
             .transpose()?;
         let (training, test) = data.split(&[])?;
         let mut trained = Vec::new();
@@ -76,7 +76,7 @@ impl Report {
             trained.push(beside(path, &data, &training)?);
         }
         let unseen = match &self.unseen {
-            Some(dir) => Some(self.same_robot(dir, &data)?),
+            Some(dir) => Some(self.same_robot(context, dir, &data)?),
             None => None,
         };
         let settings = report::Settings {
@@ -99,8 +99,8 @@ impl Report {
     }
 
     /// More trials of the robot of `data`, none of them the same.
-    fn same_robot(&self, dir: &Path, data: &Data) -> Result<Data> {
-        let more = self.read.load(dir)?;
+    fn same_robot(&self, context: &Context, dir: &Path, data: &Data) -> Result<Data> {
+        let more = self.read.load(context, dir)?;
         if more.robot != data.robot || more.axes != data.axes {
             return Err(Failure::usage(format!(
                 "--unseen {}: it is of the robot `{}`, components {:?}; {} is of `{}`, components {:?}. Give other robots with --also",

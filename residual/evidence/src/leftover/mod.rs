@@ -16,7 +16,9 @@ use residual_columns::format::{num, percent};
 use residual_columns::frame::Frame;
 use residual_columns::stats;
 use residual_effects::{lines_of_inputs, Context};
-use residual_fit::diagnostics::{levels, switching, unlike_noise, Along, Growth, Sort, UnlikeNoise};
+use residual_fit::diagnostics::{
+    levels, switching, unlike_noise, Along, Growth, Sort, UnlikeNoise,
+};
 use residual_log::finding::Finding;
 use residual_search::model::{Chosen, Fitted};
 use residual_search::ranking::{Acceptance, Step, RANDOM_WALK};

@@ -645,6 +645,20 @@ fn a_column_that_an_expression_cannot_reach_is_noted() {
 }
 
 #[test]
+fn text_in_utf_16_is_read() {
+    let plain = csv(&rows(0, 60));
+    for order in [u16::to_le_bytes, u16::to_be_bytes] {
+        let folder = Folder::new();
+        for run in 0..2 {
+            let marked = format!("\u{feff}{plain}");
+            let bytes: Vec<u8> = marked.encode_utf16().flat_map(order).collect();
+            std::fs::write(folder.0.path().join(format!("{run}.csv")), bytes).unwrap();
+        }
+        assert_eq!(folder.load(MODEL).unwrap().kept_rows().len(), 120);
+    }
+}
+
+#[test]
 fn what_is_no_log_is_said_to_be_what_it_is() {
     let says = |bytes: &[u8], keys: &str| {
         let folder = Folder::new();
@@ -657,7 +671,7 @@ fn what_is_no_log_is_said_to_be_what_it_is() {
         (b"MATLAB 5.0 MAT-file", "a MATLAB file"),
         (b"\x89HDF\r\n", "HDF5"),
         (b"{\"t\": 0.0, \"y\": 1.0}\n", "JSON"),
-        (b"\xff\xfet\0,\0", "UTF-16"),
+        (b"\xff\xfet\0,", "UTF-16"),
     ] {
         let says = says(bytes, "");
         assert!(

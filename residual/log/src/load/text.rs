@@ -6,7 +6,7 @@ use residual_columns::dates;
 use residual_columns::error::Error;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
 /// Opens a file, through gzip if its first bytes say so (a name may be wrong, the magic number is
@@ -21,6 +21,19 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
             format!("this is {what}, which is not read; write the log as CSV or Parquet"),
         ));
     }
+    // As spreadsheets write "Unicode text".
+    if head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff") {
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes)
+            .map_err(|e| Error::io(path, e))?;
+        let text = from_utf16(&bytes).ok_or_else(|| {
+            Error::io(
+                path,
+                "it begins as text in UTF-16 and is none; write the log as CSV or Parquet",
+            )
+        })?;
+        return Ok(Box::new(Cursor::new(text.into_bytes())));
+    }
     let gzip = head.starts_with(&[0x1f, 0x8b]);
     Ok(if gzip {
         Box::new(BufReader::with_capacity(
@@ -30,6 +43,20 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     } else {
         Box::new(file)
     })
+}
+
+/// A text in UTF-16 behind its byte order mark; `None` where it is none.
+fn from_utf16(bytes: &[u8]) -> Option<String> {
+    let (mark, rest) = bytes.split_at_checked(2)?;
+    let order = match mark {
+        b"\xff\xfe" => u16::from_le_bytes,
+        _ => u16::from_be_bytes,
+    };
+    if rest.len() % 2 != 0 {
+        return None;
+    }
+    let units: Vec<u16> = rest.chunks_exact(2).map(|c| order([c[0], c[1]])).collect();
+    String::from_utf16(&units).ok()
 }
 
 /// What a file is by its first bytes, where it is no text.
@@ -53,8 +80,6 @@ fn other_format(head: &[u8]) -> Option<&'static str> {
         (b"ULog\x01\x12\x35", "a ULog of PX4"),
         (b"TDSm", "a TDMS file"),
         (b"MDF ", "an MDF file"),
-        (b"\xff\xfe", "text in UTF-16 instead of UTF-8"),
-        (b"\xfe\xff", "text in UTF-16 instead of UTF-8"),
     ];
     if let Some((_, what)) = MAGIC.iter().find(|(magic, _)| head.starts_with(magic)) {
         return Some(what);

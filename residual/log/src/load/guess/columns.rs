@@ -80,6 +80,22 @@ impl Chosen {
         found.2.as_deref()
     }
 
+    /// Takes a setpoint of the target's own unit for the command where the log has no command:
+    /// then it is what the machine was told.
+    fn command_from_setpoint(&mut self, columns: &[Column], target: usize) {
+        let unit = |i: usize| columns[i].name.unit;
+        let has_command = self.get("command").is_some();
+        let setpoint = self.roles.iter_mut().find(|r| r.0 == "setpoint");
+        if let Some(entry) = setpoint.filter(|r| !has_command && unit(r.1) == unit(target)) {
+            if !unit(target).is_empty() {
+                entry.0 = "command";
+                entry.2 = Some(
+                    "a setpoint in the unit of the target, taken for what was commanded".into(),
+                );
+            }
+        }
+    }
+
     pub(super) fn has(&self, column: usize) -> bool {
         self.roles.iter().any(|r| r.1 == column)
     }
@@ -102,6 +118,7 @@ pub(super) fn choose(columns: &[Column], time: Option<usize>) -> Chosen {
             chosen.roles.push((role, column, question));
         }
     }
+    chosen.command_from_setpoint(columns, target);
     chosen
 }
 

@@ -10,6 +10,7 @@ const WORDS: &[(&str, &[&str])] = &[
         "time",
         &[
             "time", "stamp", "sec", "secs", "seconds", "elapsed", "millis", "micros", "zeit", "t",
+            "tempo", "tiempo", "tijd",
         ],
     ),
     (
@@ -26,6 +27,9 @@ const WORDS: &[(&str, &[&str])] = &[
             "cmptd",
             "soll",
             "sollwert",
+            "set",
+            "consigne",
+            "consigna",
         ],
     ),
     (
@@ -41,6 +45,8 @@ const WORDS: &[(&str, &[&str])] = &[
             "spannung",
             "stellgröße",
             "stellgroesse",
+            "commande",
+            "comando",
         ],
     ),
     (
@@ -60,6 +66,12 @@ const WORDS: &[(&str, &[&str])] = &[
             "dpos",
             "geschwindigkeit",
             "drehzahl",
+            "vitesse",
+            "velocidad",
+            "velocidade",
+            "velocità",
+            "velocita",
+            "snelheid",
         ],
     ),
     (
@@ -77,6 +89,14 @@ const WORDS: &[(&str, &[&str])] = &[
             "stroke",
             "winkel",
             "weg",
+            "phi",
+            "angolo",
+            "ángulo",
+            "ângulo",
+            "hoek",
+            "déplacement",
+            "posizione",
+            "posición",
         ],
     ),
     ("temperature", &["temperature", "temp", "temperatur"]),
@@ -98,6 +118,11 @@ const WORDS: &[(&str, &[&str])] = &[
             "moment",
             "drehmoment",
             "strom",
+            "forza",
+            "fuerza",
+            "força",
+            "kracht",
+            "coppia",
         ],
     ),
 ];
@@ -234,6 +259,10 @@ impl Name {
         if self.words == ["target"] {
             return Some("target");
         }
+        // The French time, and not several temperatures.
+        if self.words == ["temps"] {
+            return Some("time");
+        }
         let whole = self.words.join("_");
         let fits =
             |w: &&str| self.words.iter().any(|p| p == w) || (w.len() > 3 && whole.contains(*w));
@@ -322,6 +351,22 @@ mod tests {
             ("Geschwindigkeit [mm/s]", "velocity", ""),
             ("Drehmoment_2", "target", "2"),
             ("Winkel", "angle", ""),
+            ("Temps (s)", "time", ""),
+            ("Consigne (N)", "setpoint", ""),
+            ("Set/kg", "setpoint", ""),
+            ("Vitesse (rad/s)", "velocity", ""),
+            ("Force mesurée (N)", "target", ""),
+            ("Tiempo", "time", ""),
+            ("Velocidad", "velocity", ""),
+            ("Ángulo", "angle", ""),
+            ("Fuerza", "target", ""),
+            ("Tempo [s]", "time", ""),
+            ("Velocità", "velocity", ""),
+            ("Forza", "target", ""),
+            ("Temperature", "temperature", ""),
+            ("temp_2", "temperature", "2"),
+            ("motor_temps", "temperature", ""),
+            ("thermocouple temperature", "temperature", ""),
         ] {
             let name_of = Name::of(name);
             assert_eq!(

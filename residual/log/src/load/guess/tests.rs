@@ -722,6 +722,49 @@ fn counters_are_no_target_and_lists_in_cells_are_named() {
 }
 
 #[test]
+fn marks_between_thousands_are_named() {
+    for (cell, separator) in [("1.234,5", ";"), ("\"1,234.5\"", ","), ("1'234", ",")] {
+        let rows: String = (0..300)
+            .map(|i| format!("0{separator}{cell}{separator}{i}\n"))
+            .collect();
+        let (_, text) = of(&format!("a{separator}b{separator}t\n{rows}"));
+        assert!(text.contains("\"b\" has marks between thousands"), "{text}");
+        assert!(!text.contains("several numbers"), "{text}");
+    }
+}
+
+/// A machine that was told a force and measured one: that it was a setpoint of some controller is
+/// asked.
+#[test]
+fn a_setpoint_in_the_unit_of_the_target_is_the_command_where_there_is_none() {
+    let rows: String = (0..300)
+        .map(|i| {
+            let [a, b, c] = three(i);
+            format!("{:.4};{a:.4};{b:.4};{c:.4}\n", 0.01 * i as f64).replace('.', ",")
+        })
+        .collect();
+    for head in [
+        "Zeit [s];Sollkraft [N];Winkel [rad];Prüfkraft [N]",
+        "Temps (s);Consigne (N);Angle (rad);Force (N)",
+        "Tiempo (s);Consigna (N);Ángulo (rad);Fuerza (N)",
+    ] {
+        let (spec, text) = of(&format!("{head}\n{rows}"));
+        let names: Vec<&str> = head.split(';').collect();
+        assert_eq!(spec.roles.time.column, names[0], "{text}");
+        assert_eq!(spec.roles.command.unwrap().column, names[1], "{text}");
+        assert_eq!(spec.roles.angle.unwrap().column, names[2], "{text}");
+        assert_eq!(spec.roles.target.column, names[3], "{text}");
+        assert!(spec.roles.setpoint.is_none() && text.contains("a setpoint in the unit"));
+    }
+    // That of another quantity is none.
+    let (spec, text) = of(&format!("t_s;target_pos_rad;q_rad;torque_nm\n{rows}"));
+    assert!(
+        spec.roles.command.is_none() && spec.roles.setpoint.is_some(),
+        "{text}"
+    );
+}
+
+#[test]
 fn topics_of_unlike_rates_are_named() {
     let rows: String = (0..300)
         .map(|i| {

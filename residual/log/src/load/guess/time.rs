@@ -105,9 +105,11 @@ pub(super) fn find(columns: &[Column], slope: impl Fn(usize) -> Option<f64>) -> 
         let words = &columns[*i].name.words;
         words.iter().any(|w| COUNTERS.contains(&w.as_str()))
     };
+    // A unit of time says more than a name that is not understood.
+    let may_be = |i: &usize| columns[*i].role.is_none() || columns[*i].name.unit == "s";
     let column = named.or_else(|| {
-        all.filter(|i| columns[*i].role.is_none() && !counter(i) && grown[*i].is_steady())
-            .min_by_key(|i| (grown[*i].counts(), *i))
+        all.filter(|i| may_be(i) && !counter(i) && grown[*i].is_steady())
+            .min_by_key(|i| (columns[*i].name.unit != "s", grown[*i].counts(), *i))
     })?;
     let growth = &grown[column];
     let step = stats::quantile_sorted(&growth.up, 0.5);

@@ -61,6 +61,7 @@ pub(super) fn model(
     }
     roles(&mut out, &columns, &chosen, time.as_ref());
     several_in_a_cell(&mut out, table);
+    thousands(&mut out, table);
     apart(&mut out, &columns, chosen.get("target"));
     hints(&mut out, &columns, &chosen, time.as_ref(), slope);
     let repeats = time.as_ref().is_some_and(|t| t.repeats > 0);
@@ -162,7 +163,7 @@ fn several_in_a_cell(out: &mut String, table: &Table) {
             .map(str::trim)
             .filter(|p| !p.is_empty());
         let numbers = parts.clone().filter(|p| p.parse::<f64>().is_ok()).count();
-        numbers > 1 && parts.all(|p| p.parse::<f64>().is_ok())
+        numbers > 1 && !has_thousands(cell) && parts.all(|p| p.parse::<f64>().is_ok())
     };
     let lists = table.text.iter().filter(|(_, cell, _)| is_list(cell));
     let names: Vec<String> = lists.map(|(name, ..)| quoted(name)).collect();
@@ -171,6 +172,39 @@ fn several_in_a_cell(out: &mut String, table: &Table) {
             out,
             "# ? several numbers in one cell, as text: {}. Split them into a column for each number",
             names.join(", ")
+        );
+    }
+}
+
+/// Whether a cell is one number with marks between its thousands: `1.234,5`, `1,234.5`, `1'234`.
+fn has_thousands(cell: &str) -> bool {
+    let bare = cell.trim().trim_matches('"').trim_start_matches(['-', '+']);
+    let Some(mark) = bare.chars().find(|c| !c.is_ascii_digit()) else {
+        return false;
+    };
+    let (whole, fraction) = match mark {
+        '.' => bare.split_once(',').unwrap_or((bare, "0")),
+        ',' | '\'' | ' ' => bare.split_once('.').unwrap_or((bare, "0")),
+        _ => return false,
+    };
+    let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
+    let mut groups = whole.split(mark);
+    groups
+        .next()
+        .is_some_and(|first| first.len() <= 3 && digits(first))
+        && whole.contains(mark)
+        && groups.all(|group| group.len() == 3 && digits(group))
+        && digits(fraction)
+}
+
+/// Names the columns whose numbers have marks between thousands.
+fn thousands(out: &mut String, table: &Table) {
+    for (name, cell, _) in table.text.iter().filter(|(_, cell, _)| has_thousands(cell)) {
+        let _ = writeln!(
+            out,
+            "# ? column {} has marks between thousands ({}), which are not read: write its numbers without them",
+            quoted(name),
+            cell.trim()
         );
     }
 }
