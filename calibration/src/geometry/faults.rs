@@ -97,8 +97,8 @@ const ALTERNATIVE: f64 = 0.05;
 const WORST_NOISE: f64 = 10.0;
 /// Volume that a free position may lie in, m^3.
 const VOLUME_M3: f64 = 1.0;
-/// Units that tables come in by mistake, as factors to the declared one.
-const FACTORS: [f64; 4] = [1e-3, 1e3, 25.4, 1.0 / 25.4];
+/// Units that tables come in by mistake, as factors to the declared one: mm, cm, m, inch, foot.
+const FACTORS: [f64; 8] = [1e-3, 1e3, 25.4, 1.0 / 25.4, 0.1, 10.0, 304.8, 1.0 / 304.8];
 
 pub(super) fn describe(findings: &[Finding]) -> String {
     let lines: Vec<String> = findings.iter().map(Finding::to_string).collect();

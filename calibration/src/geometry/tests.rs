@@ -277,16 +277,22 @@ fn mirrored_and_wrong_units_are_named() {
         (&Fault::Unit { factor: 1e3 }, Some("C"))
     );
 
-    // Inches: the joint fit does not come to rest.
-    for station in ["A", "B", "C"] {
-        let mut inch = clean.clone();
-        for r in inch.iter_mut().filter(|r| r.station == station) {
-            r.position_m /= 25.4;
+    // Inches, centimetres, feet: the joint fit does not come to rest.
+    for (station, factor) in [
+        ("A", 25.4),
+        ("B", 25.4),
+        ("C", 25.4),
+        ("A", 10.0),
+        ("C", 304.8),
+    ] {
+        let mut other = clean.clone();
+        for r in other.iter_mut().filter(|r| r.station == station) {
+            r.position_m /= factor;
         }
-        let found = faults_of(&scene, &inch);
+        let found = faults_of(&scene, &other);
         assert_eq!(
             (&found[0].fault, found[0].station.as_deref()),
-            (&Fault::Unit { factor: 25.4 }, Some(station))
+            (&Fault::Unit { factor }, Some(station))
         );
     }
 

@@ -688,7 +688,7 @@ fn an_old_german_table_is_understood() {
         let (spec, said) = runs_as(&bytes);
         assert_eq!(spec.roles.time.column, "Prüfzeit", "{said}");
         assert_eq!(spec.roles.target.column, "Prüfkraft", "{said}");
-        assert_eq!(spec.roles.setpoint.as_ref().unwrap().column, "Sollkraft");
+        assert_eq!(spec.roles.command.as_ref().unwrap().column, "Sollkraft");
         assert_eq!(spec.roles.angle.as_ref().unwrap().unit, "deg", "{said}");
     }
     // Names in one line only.
