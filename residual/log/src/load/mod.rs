@@ -396,8 +396,8 @@ fn is_date(cell: &str) -> bool {
 }
 
 /// Reads one log as it is, with its `time` made where [`Input`] says how. Lines that are no rows
-/// are refused, or left out with [`Action::Drop`], and so are those with text in a column of numbers
-/// that is `used`; in another one it is NaN.
+/// are refused, or left out with [`Action::Drop`], and so are those with text in a column of
+/// numbers that is `used`; in another one it is NaN.
 ///
 /// # Errors
 /// The file can't be read, or its name does not fit.
