@@ -52,7 +52,7 @@ fn from_utf16(bytes: &[u8]) -> Option<String> {
         b"\xff\xfe" => u16::from_le_bytes,
         _ => u16::from_be_bytes,
     };
-    if rest.len() % 2 != 0 {
+    if !rest.len().is_multiple_of(2) {
         return None;
     }
     let units: Vec<u16> = rest.chunks_exact(2).map(|c| order([c[0], c[1]])).collect();
