@@ -1,9 +1,10 @@
 //! A slow part that goes back and forth between levels and is smaller than the noise.
 //!
-//! No single block mean shows the levels then. Two things do together. The spectrum has a hump: noise
-//! of sensors (white, filtered, 1/f) has no more power at a frequency than below it. And the slow
-//! part is flatter than normal noise with the same spectrum. Noise with the same spectrum is made
-//! from random phases, so the two are independent without levels, and Fisher's method combines them.
+//! No single block mean shows the levels then. Two things do together. The spectrum has a hump:
+//! noise of sensors (white, filtered, 1/f) has no more power at a frequency than below it. And the
+//! slow part is flatter than normal noise with the same spectrum. Noise with the same spectrum is
+//! made from random phases, so the two are independent without levels, and Fisher's method
+//! combines them.
 
 use residual_columns::frame::Frame;
 use residual_columns::stats::{self, Rng};
@@ -158,8 +159,8 @@ fn flatness(sequences: &[&[f64]], from: f64) -> Option<f64> {
     (error > 0.0).then(|| stats::normal_tail(z / error))
 }
 
-/// For each window, the mean size of what is averaged over it, over its deviation: 1 for two levels,
-/// 0.80 for normal noise.
+/// For each window, the mean size of what is averaged over it, over its deviation: 1 for two
+/// levels, 0.80 for normal noise.
 fn flat(cells: &[Vec<f64>]) -> [f64; WINDOWS.len()] {
     WINDOWS.map(|width| {
         let weight: Vec<f64> = (1..=width)
