@@ -275,6 +275,52 @@ fn over_tension_is_cleared_below_the_limit_that_it_passed() {
     }
 }
 
+/// A clear compares what trips, before the filter, and the filtered tension too: neither a pull that
+/// the filter does not show yet nor one that it still shows is cleared.
+#[test]
+fn over_tension_is_cleared_by_the_tension_before_and_behind_the_filter() {
+    for unit in 0..UNITS {
+        for (driven, limit_n) in [(true, 13.0), (false, 20.0)] {
+            // Of the sample before, and of the newest; whether it is cleared.
+            for (before_n, newest_n, cleared) in [
+                (-0.5, 0.06, false),
+                (0.5, -0.01, false),
+                (-0.5, -0.06, true),
+            ] {
+                let mut bench = if driven { held() } else { Bench::ready() };
+                if !driven {
+                    // The power's trial of the outputs is over.
+                    bench.run(310);
+                }
+                let pull = |bench: &mut Bench, above_n: f64, samples: u32| {
+                    bench.cell_n[unit] = Some(limit_n + above_n);
+                    for _ in 0..samples {
+                        bench.run(1);
+                        while !(bench.now.0 / 1_000).is_multiple_of(3) {
+                            bench.run(1);
+                        }
+                    }
+                };
+                if driven {
+                    hold(&mut bench, 4_000_000, 10);
+                }
+                pull(&mut bench, 0.5, 5);
+                let code = Fault::OverTension.code();
+                assert_eq!(bench.status().units[unit].fault, code, "unit {unit}");
+                pull(&mut bench, before_n, 8);
+                pull(&mut bench, newest_n, 1);
+                bench.ask(0, Command::ClearFaults);
+                let left = bench.status().units[unit].fault;
+                let wanted = if cleared { 0 } else { code };
+                assert_eq!(
+                    left, wanted,
+                    "unit {unit}, {before_n}, then {newest_n} N above {limit_n} N"
+                );
+            }
+        }
+    }
+}
+
 /// What one sample, or a few, of a unit show.
 #[test]
 fn what_a_load_cell_shows_stops_its_unit_only() {

@@ -6,6 +6,7 @@
 //! | the cable lets go | tension before and after 0 V; without a load cell, whether the reel has paid out | [`LET_GO_US`] |
 //! | the cable is pulled again | a tension that comes back while other motors are driven, or with a reel that winds in; one above the over-tension limit | [`LET_GO_US`] |
 //! | the reel speeds up | speed of winding in with the least since 0 V | two samples, 6 ms |
+//! | the reel is thrown | gain of speed in each of two samples, whatever other motors do | two samples, 6 ms |
 //! | the reel winds in | without a load cell: travel from where it had paid out furthest | [`COASTING_MS`], then at once |
 //! | the reel winds in | for [`TRIAL_MS`] after the amplifiers got their power: travel from where it had paid out furthest | at once |
 //! | the cable tightens | for [`TRIAL_MS`] after the amplifiers got their power: tension above the least since then | `TIGHTER_SAMPLES` |
@@ -58,6 +59,11 @@ pub const LET_GO_US: u32 = 75_000;
 /// springs of a presliding contact give back 9 mm/s at most (0.9 N over 50 um, 0.5 kg).
 pub const DRIVEN_NM: i32 = 78_125;
 
+/// Gain of speed in two samples, winding in, that no hand gives, in nanometres a nominal sample: 144
+/// mm/s, or 23 m/s^2, for which reel and motor (0.51 kg) take 12 N. An output at the end of its
+/// range, 17 N, gives 32 m/s^2.
+pub const THROWN_NM: i32 = 450_000;
+
 /// Travels after 0 V that are not compared: the word acts within the first, and the mean speed of
 /// an interval lags by half.
 const SETTLING_TRAVELS: u8 = 2;
@@ -88,6 +94,8 @@ pub struct Released {
     pub tension: Newton,
     /// Other motors of the board are driven.
     pub others_drive: bool,
+    /// A zero is being measured: nothing may drive this motor.
+    pub zeroing: bool,
     /// The tension is above the over-tension limit.
     pub over_tension: bool,
 }
@@ -107,6 +115,10 @@ pub struct LetGo {
     /// Cable wound in since the tension was below [`HELD`], and shortly before, nanometres.
     wound_in_nm: i32,
     reel: Reel,
+    /// Travels of the last two samples without force, the older first.
+    before_nm: [Option<i32>; 2],
+    /// The reel gained speed as no hand can give it.
+    thrown: bool,
     trial: Option<Trial>,
 }
 
@@ -241,6 +253,7 @@ impl LetGo {
                 again: true,
             });
         }
+        self.throw(&sample);
         if let Some(trial) = &mut self.trial {
             let least = trial.least.get_or_insert(sample.tension);
             *least = (*least).min(sample.tension);
@@ -257,6 +270,23 @@ impl LetGo {
         } else if believed && !sample.missed {
             self.reel.add(sample.travel_nm);
         }
+    }
+
+    /// Whether both of the last two samples have gained a part of [`THROWN_NM`]: a position that
+    /// jumped is one.
+    fn throw(&mut self, sample: &Released) {
+        let travel_nm = sample.travel_nm.max(0);
+        if let ([Some(older), Some(last)], false) = (self.before_nm, sample.missed) {
+            let gains = [last - older, travel_nm - last];
+            let thrown = gains[0].saturating_add(gains[1]) > THROWN_NM
+                && gains.iter().all(|gain| *gain > THROWN_NM / 4);
+            self.thrown |= thrown && (self.was_driven || sample.zeroing);
+        }
+        self.before_nm = if sample.missed {
+            [None; 2]
+        } else {
+            [self.before_nm[1], Some(travel_nm)]
+        };
     }
 
     /// The load cell does not measure any more.
@@ -337,7 +367,7 @@ impl LetGo {
     /// in it: not measured.
     #[must_use]
     pub fn overdue(&self, now: Micros) -> Option<Option<Newton>> {
-        if self.reel.driven || self.trial.is_some_and(|trial| trial.driven) {
+        if self.thrown || self.reel.driven || self.trial.is_some_and(|trial| trial.driven) {
             return Some(self.waiting.and_then(|waiting| waiting.tension));
         }
         let waiting = self.waiting?;

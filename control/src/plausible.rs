@@ -32,7 +32,9 @@
 //!
 //! A reel that speeds up against a cable whose tension rises above its setpoint is driven by more
 //! force than its command gives: a robot that comes closer lowers the tension, one that goes away
-//! turns the reel the other way. `Surge` compares the momentum of four samples with the force that
+//! turns the reel the other way. One that gains more than the whole command would give it without a
+//! cable needs no look at the tension: its output does not follow, so [`Fault::OutputStuck`] takes
+//! all DACs to 0 V by RST, which no word undoes. `Surge` compares the momentum of four samples with the force that
 //! the command can explain. It acts within 10 ms of a jump of the amplifier's gain, before the load
 //! cell's filter has followed.
 
@@ -97,6 +99,11 @@ pub const SURGE: Newton = Newton::from_un(2_000_000);
 /// Tension above the setpoint from which a gain of speed counts as a surge.
 const SURGE_ERROR: Newton = Newton::from_un(500_000);
 
+/// Momentum of two samples past what the whole command gives a reel without a cable, with which a
+/// motor counts as pulling by itself, in newton times samples. A cable that breaks and a robot that
+/// comes nearer, however fast, leave nothing; 3 are a reel that is an eighth lighter at 12 N.
+pub const PULLS: Newton = Newton::from_un(3_000_000);
+
 /// Samples over which [`Surge`] compares, 12.5 ms: the settling time of the converter's filter.
 const SURGE_SAMPLES: usize = 4;
 
@@ -159,16 +166,25 @@ struct Surge {
 
 impl Surge {
     /// Adds a sample: its travel in nanometres, winding in positive, and the net force that the
-    /// command can give in this direction. Whether the reel has just gained more momentum than that
-    /// explains.
-    fn add(&mut self, travel_nm: i32, force: Newton) -> bool {
+    /// command can give in this direction, and the highest recent command. Whether the reel has just
+    /// gained more momentum than that force explains, and whether more than the command does.
+    fn add(&mut self, travel_nm: i32, force: Newton, command: Newton) -> (bool, bool) {
         let (before_nm, _) = self.samples[0];
         self.samples.rotate_left(1);
         self.samples[SURGE_SAMPLES - 1] = (travel_nm, force);
         if usize::from(self.filled) < SURGE_SAMPLES {
             self.filled += 1;
-            return false;
+            return (false, false);
         }
+        let [_, (two_ago_nm, _), (last_nm, _), _] = self.samples;
+        let gained = i64::from(travel_nm.max(0)) - i64::from(two_ago_nm.max(0));
+        let momentum = Newton::from_wide((gained * MOMENTUM_Q8) >> 8);
+        let unexplained = momentum.saturating_sub(command).saturating_sub(command);
+        // A position that jumped is one gain. Of a force that came within the older sample it has
+        // little.
+        let newest = i64::from(travel_nm) - i64::from(last_nm);
+        let older = i64::from(last_nm) - i64::from(two_ago_nm);
+        let pulls = unexplained > PULLS && 4 * newest > gained && 32 * older > gained;
         let explained = self
             .samples
             .iter()
@@ -182,7 +198,7 @@ impl Surge {
         } else {
             self.remembered.saturating_sub(1)
         };
-        self.remembered > 0
+        (self.remembered > 0, pulls)
     }
 }
 
@@ -389,7 +405,10 @@ impl Watch {
             .least(self.high)
             .saturating_sub(output.direct)
             .max(Newton::ZERO);
-        let surged = self.surge.add(output.travel_nm, force);
+        let (surged, pulls) = self.surge.add(output.travel_nm, force, self.high);
+        if pulls {
+            return Some((Fault::OutputStuck, 0));
+        }
         let error = output.direct.saturating_sub(output.setpoint);
         // A jump that the spike gate holds back shows in no error yet.
         (surged && (error > SURGE_ERROR || output.flags & flags::SPIKE != 0))

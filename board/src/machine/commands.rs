@@ -249,7 +249,8 @@ impl Machine {
                 unit.let_go.forget();
             }
             let limit = unit.config.over_tension(unit.tripped_driven);
-            let too_tight = unit.sensor_up && unit.control.tension() > limit;
+            // With what trips, and what is filtered: the next sample must not trip again.
+            let too_tight = unit.sensor_up && unit.control.strongest() > limit;
             unit.latch
                 .clear(|fault| fault == Fault::OverTension && too_tight);
         }

@@ -1,7 +1,7 @@
 //! The sample path: one sample of one unit through its controller, and the telemetry of it.
 
 use super::{Effects, Machine};
-use control::let_go::Released;
+use control::let_go::{LetGo, Released};
 use control::unit::{Controller, Drive};
 use control::zero::Progress;
 use control::{
@@ -152,6 +152,7 @@ impl Machine {
                 missed: output.flags & flags::MISSED != 0,
                 tension: output.tension,
                 others_drive,
+                zeroing: slot.zero.is_some(),
                 over_tension: matches!(output.fault, Some((Fault::OverTension, _))),
             };
             slot.let_go.released(at, released);
@@ -160,8 +161,14 @@ impl Machine {
         if slot.zero.is_some() {
             self.average_zero(pending, fx);
         }
-        if let Some((fault, detail)) = doubt {
-            self.fault_unit(unit, fault, detail, at, fx);
+        match doubt {
+            // It pulls by itself, so 0 V from its word is not certain: all DACs by RST, and no power.
+            Some((Fault::OutputStuck, _)) => {
+                let detail = LetGo::detail(unit, Some(output.tension));
+                self.fault_board_once(Fault::OutputStuck, detail, at, fx);
+            }
+            Some((fault, detail)) => self.fault_unit(unit, fault, detail, at, fx),
+            None => {}
         }
         if !drives {
             self.watch_let_go(unit, at, fx);

@@ -166,6 +166,10 @@ struct Context {
 /// Runs the command line.
 pub fn main() -> ExitCode {
     let arguments: Vec<OsString> = std::env::args_os().collect();
+    #[cfg(unix)]
+    if arguments.iter().any(|argument| argument == "stop") {
+        service::stop::hurry();
+    }
     let cli = match usage::parse(&arguments) {
         Ok(cli) => cli,
         Err(code) => return ExitCode::from(code),

@@ -82,6 +82,8 @@ pub fn serve(
         let what = what.to_owned();
         move |cause| ServeError::Io { what, cause }
     };
+    // For all threads below: what hears a stop, and what sends setpoints.
+    super::stop::hurry();
     listening
         .note(&link.name())
         .map_err(failed("the lock beside the socket"))?;
