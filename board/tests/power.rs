@@ -502,3 +502,97 @@ fn a_zeroing_ends_by_itself_only() {
         assert_eq!(bench.status().fault, Fault::HostStop.code());
     }
 }
+
+/// Samples of a reel that gains this speed with each, in counts a sample; whether 0 V has no effect.
+fn spins(bench: &mut Bench, unit: usize, gain: i64, samples: i64) -> bool {
+    while !(bench.now.0 / 1_000).is_multiple_of(3) {
+        bench.run(1);
+    }
+    for sample in 1..=samples {
+        bench.wound[unit] += gain * sample;
+        bench.run(3);
+    }
+    let status = bench.status();
+    let stuck = status.fault == Fault::OutputStuck.code();
+    assert_eq!(stuck, bench.machine.holds_dacs());
+    assert!(!stuck || status.fault_detail >> 24 == unit as u32 + 1 && status.alive_withheld);
+    stuck
+}
+
+/// A motor that gives its reel more speed than its whole command could: its word does not reach it.
+/// 18 counts a sample are what 4 N give; a cable that breaks gives no more.
+#[test]
+fn a_reel_that_gains_more_than_its_command_gives_takes_the_power() {
+    for unit in 0..UNITS {
+        for (gain, stuck) in [(45, true), (16, false)] {
+            let mut bench = Bench::armed();
+            for _ in 0..30 {
+                bench.setpoints(4_000_000);
+                bench.run(10);
+            }
+            bench.cell_n[unit] = Some(f64::from(bench.status().units[unit].tension_un) * 1e-6);
+            bench.setpoints(4_000_000);
+            assert_eq!(
+                spins(&mut bench, unit, gain, 3),
+                stuck,
+                "unit {unit}, {gain}"
+            );
+        }
+        // One jump is no speed.
+        let mut bench = Bench::armed();
+        for _ in 0..30 {
+            bench.setpoints(4_000_000);
+            bench.run(10);
+        }
+        bench.wound[unit] += 150;
+        bench.run(9);
+        assert_ne!(
+            bench.status().fault,
+            Fault::OutputStuck.code(),
+            "unit {unit}"
+        );
+    }
+}
+
+/// A reel at 0 V that gains 25 m/s^2 is driven; 16 m/s^2 may be a hand. Where nothing was driven, it is
+/// watched while a zero is measured: other electronics may drive the motors of a board that only
+/// measures.
+#[test]
+fn a_reel_that_no_hand_throws_so_takes_the_power() {
+    for unit in 0..UNITS {
+        let stopped = || {
+            let mut bench = held();
+            bench.done(Command::Disarm);
+            bench.run(600);
+            bench.cell_n[unit] = Some(0.2);
+            bench.run(300);
+            bench
+        };
+        let zeroing = || {
+            let mut bench = Bench::ready();
+            bench.run(310);
+            bench.done(Command::Zero { units: 0b11_1111 });
+            bench.run(30);
+            bench
+        };
+        let idle = || {
+            let mut bench = Bench::ready();
+            bench.run(310);
+            bench
+        };
+        assert!(spins(&mut stopped(), unit, 58, 4), "unit {unit}");
+        assert!(!spins(&mut stopped(), unit, 35, 8), "unit {unit}, by hand");
+        assert!(spins(&mut zeroing(), unit, 58, 4), "unit {unit}, zeroing");
+        assert!(
+            !spins(&mut idle(), unit, 58, 4),
+            "unit {unit}, only measured"
+        );
+        // A jump, and the same again.
+        let mut bench = stopped();
+        for _ in 0..2 {
+            bench.wound[unit] += 150;
+            bench.run(6);
+        }
+        assert_eq!(bench.status().fault, 0, "unit {unit}");
+    }
+}

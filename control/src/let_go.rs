@@ -94,7 +94,7 @@ pub struct Released {
     pub tension: Newton,
     /// Other motors of the board are driven.
     pub others_drive: bool,
-    /// A zero is being measured: nothing may drive this motor.
+    /// A zero is being measured, or was refused: nothing may drive this motor.
     pub zeroing: bool,
     /// The tension is above the over-tension limit.
     pub over_tension: bool,

@@ -152,7 +152,8 @@ impl Machine {
                 missed: output.flags & flags::MISSED != 0,
                 tension: output.tension,
                 others_drive,
-                zeroing: slot.zero.is_some(),
+                // The first 0.1 mm that its reel turns refuses the zero.
+                zeroing: slot.zero.is_some() || slot.latch.has(Fault::ZeroRefused),
                 over_tension: matches!(output.fault, Some((Fault::OverTension, _))),
             };
             slot.let_go.released(at, released);

@@ -73,7 +73,7 @@ pub enum ServeError {
 /// # Errors
 /// [`ServeError`].
 pub fn serve(
-    link: Box<dyn RigLink>,
+    mut link: Box<dyn RigLink>,
     mut listening: Listening,
     options: ServeOptions,
     ready: impl FnOnce(&Addresses),
@@ -82,8 +82,11 @@ pub fn serve(
         let what = what.to_owned();
         move |cause| ServeError::Io { what, cause }
     };
-    // For all threads below: what hears a stop, and what sends setpoints.
-    super::stop::hurry();
+    // For all threads below: what hears a stop, and what sends setpoints. An emulated board is another
+    // process, which would wait behind them.
+    if link.controls().is_none() {
+        super::stop::hurry();
+    }
     listening
         .note(&link.name())
         .map_err(failed("the lock beside the socket"))?;
