@@ -321,6 +321,45 @@ fn over_tension_is_cleared_by_the_tension_before_and_behind_the_filter() {
     }
 }
 
+/// A pull past 20 N behind a trip at 13 N does not raise the limit of its clear. A converter that has
+/// stopped since then holds no clear up: it begins anew, and the power waits for its unit at rest.
+#[test]
+fn over_tension_is_cleared_by_the_limit_of_the_first_trip_as_long_as_it_is_measured() {
+    for unit in 0..UNITS {
+        let code = Fault::OverTension.code();
+        let mut bench = held();
+        for n in [13.5, 20.5, 14.0] {
+            bench.cell_n[unit] = Some(n);
+            bench.run(18);
+        }
+        assert_eq!(bench.status().fault, 0, "of the unit alone");
+        bench.ask(0, Command::ClearFaults);
+        assert_eq!(bench.status().units[unit].fault, code, "unit {unit}");
+        let silent = bus::Event::ReadFailed {
+            unit: UnitIndex::ALL[unit],
+            in_a_row: 4,
+        };
+        let mut bench = held();
+        bench.cell_n[unit] = Some(13.5);
+        bench.run(13);
+        bench.machine.bus_event(silent, bench.now, &mut bench.board);
+        bench.streaming[unit] = false;
+        bench.ask(0, Command::ClearFaults);
+        assert_eq!(bench.status().units[unit].fault, 0, "unit {unit}");
+        assert!(bench.machine.withholds_alive() || bench.machine.system().drives());
+    }
+}
+
+/// An arming of a board that runs renews no setpoints.
+#[test]
+fn an_arming_while_running_does_not_prolong_setpoints() {
+    let mut bench = held();
+    bench.now.0 += 150_000;
+    bench.ask(0, Command::Arm);
+    bench.run(1);
+    assert_eq!(bench.status().fault, Fault::SetpointsExpired.code());
+}
+
 /// What one sample, or a few, of a unit show.
 #[test]
 fn what_a_load_cell_shows_stops_its_unit_only() {

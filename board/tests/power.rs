@@ -596,3 +596,22 @@ fn a_reel_that_no_hand_throws_so_takes_the_power() {
         assert_eq!(bench.status().fault, 0, "unit {unit}");
     }
 }
+
+/// The end of a ramp is 0 V as well: an output that holds on then has no effect of it either.
+#[test]
+fn an_output_that_holds_on_after_a_disarm_loses_its_power() {
+    for unit in 0..UNITS {
+        let mut bench = Bench::armed();
+        for _ in 0..30 {
+            bench.setpoints(6_000_000);
+            bench.run(10);
+        }
+        bench.stuck[unit] = true;
+        bench.cell_n[unit] = Some(6.0);
+        bench.done(Command::Disarm);
+        bench.run(400);
+        let status = bench.status();
+        assert_eq!(status.fault, Fault::OutputStuck.code(), "unit {unit}");
+        assert!(status.alive_withheld);
+    }
+}

@@ -180,11 +180,9 @@ impl Surge {
         let gained = i64::from(travel_nm.max(0)) - i64::from(two_ago_nm.max(0));
         let momentum = Newton::from_wide((gained * MOMENTUM_Q8) >> 8);
         let unexplained = momentum.saturating_sub(command).saturating_sub(command);
-        // A position that jumped is one gain. Of a force that came within the older sample it has
-        // little.
-        let newest = i64::from(travel_nm) - i64::from(last_nm);
+        // A position that jumped is one gain, and so is what follows it.
         let older = i64::from(last_nm) - i64::from(two_ago_nm);
-        let pulls = unexplained > PULLS && 4 * newest > gained && 32 * older > gained;
+        let pulls = unexplained > PULLS && 32 * older > gained;
         let explained = self
             .samples
             .iter()

@@ -77,6 +77,17 @@ mutants! { TESTED:
     "closing-from-50-mm-s": "control/src/unit.rs", "const CLOSING_NM: i32 = 62_500;" => "const CLOSING_NM: i32 = 156_250;";
     "take-up-at-4-n": "control/src/unit.rs", "pub const TAKE_UP_TENSION: Newton = Newton::from_un(2_000_000);" => "pub const TAKE_UP_TENSION: Newton = Newton::from_un(4_000_000);";
     "brake-from-60-mm-s": "control/src/unit.rs", "pub const TAKE_UP_NM: i32 = 93_750;" => "pub const TAKE_UP_NM: i32 = 187_500;";
+    "clear-by-the-filtered-tension": "control/src/unit.rs", "self.strongest.max(self.tension)" => "self.tension";
+    "clear-by-what-trips-alone": "control/src/unit.rs", "self.strongest.max(self.tension)" => "self.strongest";
+    "pulls-tenfold": "control/src/plausible.rs", "pub const PULLS: Newton = Newton::from_un(3_000_000);" => "pub const PULLS: Newton = Newton::from_un(30_000_000);";
+    "pulls-at-a-jump": "control/src/plausible.rs", " && 32 * older > gained;" => ";";
+    "thrown-tenfold": "control/src/let_go.rs", "pub const THROWN_NM: i32 = 450_000;" => "pub const THROWN_NM: i32 = 4_500_000;";
+    "thrown-without-a-run": "control/src/let_go.rs", "(self.was_driven || sample.zeroing)" => "true";
+    "refused-zero-ends-the-watch": "board/src/machine/sampling.rs", "slot.zero.is_some() || slot.latch.has(Fault::ZeroRefused)" => "slot.zero.is_some()";
+    "second-trip-raises-the-limit": "board/src/machine/sampling.rs", "if fault == Fault::OverTension && !slot.latch.has(fault) {" => "if fault == Fault::OverTension {";
+    "ramp-ends-without-a-watch": "board/src/machine/sampling.rs", "            slot.let_go.switched_off(at);\n" => "";
+    "arming-prolongs-setpoints": "board/src/machine/commands.rs", "if was != SystemState::Running && !self.expiry" => "if !self.expiry";
+    "dead-converter-holds-a-clear-up": "board/src/machine/commands.rs", "let too_tight = unit.sensor_up && unit" => "let too_tight = unit";
     "brake-when-tight": "control/src/unit.rs", "let missing = slack.saturating_sub(tension.clamp_to(Newton::ZERO, slack));" => "let missing = slack;";
     "no-brake": "control/src/unit.rs", "let braked = unlimited.saturating_sub(brake(tension, setpoint, travel_nm));" => "let braked = unlimited.saturating_sub(Newton::ZERO);";
     "slack-impulse-ignored": "control/src/plausible.rs", "(held || self.slack >= SLACK_SAMPLES)" => "(self.slack >= SLACK_SAMPLES)";
