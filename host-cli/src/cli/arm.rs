@@ -18,7 +18,7 @@ impl Arm {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
         self.connection.require_rig_file(&rig)?;
-        self.connection.require_unchanged(&rig, context)?;
+        self.connection.require_unchanged(context)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
             let theirs = rig::Rig::parse(&client.welcome().rig_file, &client.welcome().rig_text)?;

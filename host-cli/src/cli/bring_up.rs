@@ -132,7 +132,7 @@ impl BringUp {
         let rig = self.connection.calibrated(rig, context)?;
         let stop = context.interrupt.flag();
         let _controlled_stop = context.interrupt.controlled_stop();
-        let mut link = self.connection.open(&rig, context)?;
+        let mut link = self.connection.open_to_test(&rig, context)?;
         if let Some(controls) = link.controls() {
             for (_, injection) in &self.inject {
                 controls.inject(*injection)?;
@@ -203,7 +203,7 @@ impl BringUp {
 
     /// The rig's record to go on with.
     fn record(&self, rig: &Rig, store: &Store, now: Identity, context: &Context) -> Result<Record> {
-        let Some(mut record) = read(store)?.filter(|_| !self.restart) else {
+        let Some(mut record) = read(store)? else {
             return Ok(Record::new(rig, now));
         };
         let changes = record.identity.changed(&now);
@@ -216,7 +216,10 @@ impl BringUp {
             context
                 .output
                 .note("a part was exchanged: every test begins anew");
-            return Ok(Record::new(rig, now));
+            return Ok(record.anew(rig, now));
+        }
+        if self.restart {
+            return Ok(record.anew(rig, now));
         }
         record.identity = record.identity.updated(now);
         Ok(record)

@@ -21,7 +21,7 @@ impl Clear {
     /// Runs the command. Faults that remain give exit code 5.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         self.connection
-            .with_session(Role::Commander, context, |session, _| {
+            .with_session(Role::Ender, context, |session, _| {
                 session.command(&Command::ClearFaults)?;
                 for _ in 0..CYCLES {
                     session.exchange(PERIOD)?;

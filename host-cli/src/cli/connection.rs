@@ -54,9 +54,12 @@ pub struct Existing {
     /// Where zeros come from, once the connection is open.
     #[arg(skip)]
     zeroing: RefCell<Zeroing>,
+    /// The rig as its file has it, from `load` on.
+    #[arg(skip)]
+    of_file: RefCell<Option<Rig>>,
     /// Number of the board that the rig was tested with, after `require_unchanged`.
     #[arg(skip)]
-    tested_board: RefCell<Option<String>>,
+    tested: RefCell<Option<Option<String>>>,
 }
 
 /// An emulated rig of the command's own.
@@ -100,8 +103,12 @@ pub enum Target {
 /// What a command may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// Command the rig.
+    /// Command the rig. Refused where a part of it was exchanged since its bring-up.
     Commander,
+    /// Test it, whatever was exchanged: `bring-up`.
+    Tester,
+    /// End what it does or clear its faults, whatever was exchanged.
+    Ender,
     /// Watch it.
     Observer,
 }
@@ -132,6 +139,7 @@ impl Existing {
         self.only_embedded(&given, embedded)?;
         let target = self.target(new, &given);
         let (rig, name) = self.rig_of(&target, given, context)?;
+        *self.of_file.borrow_mut() = Some(rig.clone());
         context.output.detail(&format!(
             "rig file: {name}, rig `{}`, hash {}",
             rig.name,
@@ -206,15 +214,18 @@ impl Existing {
     }
 
     /// `tested::require` with this connection's board: a service tells its number now, any other
-    /// link when it is opened. Call it after [`Existing::load`], with the rig file as it was
-    /// loaded.
-    pub fn require_unchanged(&self, rig: &Rig, context: &Context) -> Result<()> {
-        self.require_with(&New::default(), rig, context)
+    /// link when it is opened. Call it after [`Existing::load`]. A link that commands is opened
+    /// with it in any case; a command that asks or shows something before calls it itself.
+    pub fn require_unchanged(&self, context: &Context) -> Result<()> {
+        self.require_with(&New::default(), context)
     }
 
-    fn require_with(&self, new: &New, rig: &Rig, context: &Context) -> Result<()> {
-        let board = tested::require(rig, self.seed(new, rig), self.board(), context)?;
-        *self.tested_board.borrow_mut() = board;
+    fn require_with(&self, new: &New, context: &Context) -> Result<()> {
+        let (of_file, passed) = (self.of_file.borrow(), self.tested.borrow().is_some());
+        if let Some(rig) = of_file.as_ref().filter(|_| !passed) {
+            let board = tested::require(rig, self.seed(new, rig), self.board(), context)?;
+            *self.tested.borrow_mut() = Some(board);
+        }
         Ok(())
     }
 
@@ -233,7 +244,7 @@ impl Existing {
 
     /// The link, which has to lead to the board that was tested.
     fn to_tested_board(&self, link: Box<dyn RigLink>) -> Box<dyn RigLink> {
-        match self.tested_board.borrow().clone() {
+        match self.tested.borrow().clone().flatten() {
             Some(number) => Box::new(OfBoard::new(link, number)),
             None => link,
         }
@@ -319,6 +330,9 @@ impl Existing {
         run: u64,
         context: &Context,
     ) -> Result<Box<dyn RigLink>> {
+        if role == Role::Commander {
+            self.require_with(new, context)?;
+        }
         #[cfg(unix)]
         if let Some(client) = self.connected(context)? {
             let welcome = client.welcome();
@@ -326,7 +340,7 @@ impl Existing {
                 "rig `{}`: {} (service: process {})",
                 welcome.name, welcome.link, welcome.pid
             ));
-            if role == Role::Commander {
+            if matches!(role, Role::Commander | Role::Tester) {
                 if let Ok(program) = std::env::current_exe() {
                     context.output.note(&format!(
                         "`{} stop` in any terminal stops it",
@@ -341,7 +355,8 @@ impl Existing {
             };
             *self.zeroing.borrow_mut() = Zeroing::Keep(store);
             let link = match role {
-                Role::Commander => ServiceLink::commander(client),
+                Role::Commander | Role::Ender => ServiceLink::commander(client),
+                Role::Tester => ServiceLink::tester(client),
                 Role::Observer => ServiceLink::observer(client),
             };
             return Ok(self.to_tested_board(Box::new(link?)));
@@ -466,8 +481,8 @@ impl Existing {
 
 impl Connection {
     /// As [`Existing::require_unchanged`].
-    pub fn require_unchanged(&self, rig: &Rig, context: &Context) -> Result<()> {
-        self.at.require_with(&self.new, rig, context)
+    pub fn require_unchanged(&self, context: &Context) -> Result<()> {
+        self.at.require_with(&self.new, context)
     }
 
     /// The same as a warning.
@@ -502,6 +517,11 @@ impl Connection {
     /// Opens the connection as a commander, and names the rig.
     pub fn open(&self, rig: &Rig, context: &Context) -> Result<Box<dyn RigLink>> {
         self.open_again(rig, 0, context)
+    }
+
+    /// Opens the connection to test the rig, whatever was exchanged, and names the rig.
+    pub fn open_to_test(&self, rig: &Rig, context: &Context) -> Result<Box<dyn RigLink>> {
+        self.at.open_as(&self.new, Role::Tester, rig, context)
     }
 
     /// The same for run `run` (from 0) of a command that opens it several times: runs of an

@@ -26,7 +26,7 @@ impl Disarm {
             return Ok(Reply::done("disarmed"));
         }
         self.connection
-            .with_session(Role::Commander, context, |session, _| {
+            .with_session(Role::Ender, context, |session, _| {
                 session.command(&Command::Disarm)?;
                 session.wait_for(Duration::from_secs(3), "disarming", |status| {
                     !SystemState::from_u8(status.state).is_some_and(SystemState::drives)

@@ -161,6 +161,7 @@ impl From<service::ServiceError> for Failure {
     fn from(error: service::ServiceError) -> Self {
         use service::{protocol, ServiceError};
         let code = match &error {
+            ServiceError::Refused { code, .. } if *code == protocol::code::EXCHANGED => USAGE,
             ServiceError::Refused { code, .. } if *code != protocol::code::LINK => BOARD,
             _ => LINK,
         };

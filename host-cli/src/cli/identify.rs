@@ -80,7 +80,7 @@ impl Identify {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
         self.connection.require_rig_file(&rig)?;
-        self.connection.require_unchanged(&rig, context)?;
+        self.connection.require_unchanged(context)?;
         let rig = self.connection.calibrated(rig, context)?;
         let force_n: [f64; 3] = self.force.as_slice().try_into().map_err(|_| {
             Failure::usage("--force takes three numbers, for example --force 0 2.5 0")

@@ -86,6 +86,7 @@ impl Rig {
             terminal: true,
             tcp,
             reopen: None,
+            store: None,
             idle_end: None,
             lockstep: self.wait,
             stop,

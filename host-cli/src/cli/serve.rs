@@ -172,6 +172,7 @@ impl Serve {
             terminal: self.pty,
             tcp: self.listen.tcp()?,
             reopen: Some(Box::new(open)),
+            store: None,
             idle_end: self.on_demand.then_some(IDLE_END),
             lockstep: false,
             stop: context.interrupt.flag(),

@@ -1,42 +1,15 @@
-//! Whether a rig is the one that its bring-up has tested: the one check of every command that
-//! drives or calibrates it.
+//! Whether a rig is the one that its bring-up has tested ([`bring_up::gate`]), for commands.
 
 use super::exit::{Failure, Result};
 use super::Context;
-use bring_up::record::{self, Identity};
+use bring_up::gate::Changes;
 use known::store::Store;
 use rig::Rig;
-
-/// What has changed since the bring-up of a rig.
-#[derive(Default)]
-struct Changes {
-    /// Parts that were exchanged, in words; empty: none.
-    parts: String,
-    /// Settings that were changed, in words; empty: none.
-    settings: String,
-    /// Number of the board that was tested, where it is known.
-    board: Option<String>,
-}
 
 /// What has changed since the bring-up of a rig. `board`: the number of its board now, where it is
 /// known already.
 fn changes(rig: &Rig, seed: Option<u64>, board: Option<String>) -> Result<Changes> {
-    let store = Store::of_rig(&rig.name, seed)?;
-    let Some(record) = record::read(&store)? else {
-        return Ok(Changes::default());
-    };
-    let changes = record.identity.changed(&Identity::of(rig, &store, board)?);
-    let words = |is_part| {
-        let of = changes.iter().filter(|change| change.is_part == is_part);
-        of.map(|change| change.words.as_str())
-            .collect::<Vec<_>>()
-            .join("; ")
-    };
-    Ok(Changes {
-        parts: words(true),
-        settings: words(false),
-        board: Some(record.identity.board).filter(|number| !number.is_empty()),
-    })
+    Ok(Changes::of(rig, &Store::of_rig(&rig.name, seed)?, board)?)
 }
 
 /// Refuses a rig of which a part was exchanged since its bring-up; warns where its rig file has
@@ -50,11 +23,8 @@ pub fn require(
     context: &Context,
 ) -> Result<Option<String>> {
     let changes = changes(rig, seed, board)?;
-    if !changes.parts.is_empty() {
-        return Err(Failure::usage(format!(
-            "since the bring-up of this rig {}: its wiring is not what was tested; run `forcectl bring-up` again; nothing was driven",
-            changes.parts
-        )));
+    if let Some(why) = changes.refusal() {
+        return Err(Failure::usage(why));
     }
     warn_of(&changes.settings, context);
     Ok(changes.board)
@@ -68,10 +38,11 @@ pub fn warn(rig: &Rig, seed: Option<u64>, board: Option<String>, context: &Conte
     Ok(())
 }
 
-fn warn_of(words: &str, context: &Context) {
+fn warn_of(words: &[String], context: &Context) {
     if !words.is_empty() {
         context.output.note(&format!(
-            "since the bring-up of this rig {words}; `forcectl bring-up` tests it again"
+            "since the bring-up of this rig {}; `forcectl bring-up` tests it again",
+            words.join("; ")
         ));
     }
 }

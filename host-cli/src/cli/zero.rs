@@ -26,7 +26,7 @@ impl Zero {
         // Before the link is opened.
         let rig = self.connection.load(context)?;
         self.connection.require_rig_file(&rig)?;
-        self.connection.require_unchanged(&rig, context)?;
+        self.connection.require_unchanged(context)?;
         self.connection
             .with_session(Role::Commander, context, |session, rig| {
                 let mut watch = Watch::new(&context.output);

@@ -14,8 +14,10 @@
 //! | [`tension`] | the test of a cable under tension, and its bounds |
 //! | [`hands`] | what a person does meanwhile, or the emulated rig in his place |
 //! | [`record`] | the record of a rig: results, identities, and what has changed since |
+//! | [`gate`] | whether a rig may be driven: no part was exchanged since |
 
 pub mod figures;
+pub mod gate;
 pub mod hands;
 pub mod judge;
 pub mod mistake;

@@ -14,7 +14,7 @@ use known::store::Store;
 use known::{Result, StoreError};
 use rig::Rig;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 use wire::UNITS;
@@ -144,6 +144,34 @@ pub struct Record {
     /// they do.
     #[serde(default)]
     pub standing: Vec<Named>,
+    /// What exchanged parts ask for.
+    #[serde(default)]
+    pub owed: Owed,
+}
+
+/// Parts that were exchanged, until the tests that the former ones had passed through are done with
+/// them: a bring-up that is begun and broken off has not tested them.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Owed {
+    /// The parts, in words; empty: none.
+    pub parts: Vec<String>,
+    /// The tests, each with its units, from 1.
+    pub tests: BTreeMap<Test, BTreeSet<u8>>,
+}
+
+impl Owed {
+    /// Takes off what is done, and units that the rig file does not use.
+    fn settle(&mut self, rig: &Rig, done: &BTreeMap<Test, Done>) {
+        self.tests.retain(|test, units| {
+            let done = done.get(test);
+            let used = |unit: u8| rig.units.iter().any(|u| u.number == unit && u.enabled);
+            units.retain(|unit| used(*unit) && !done.is_some_and(|done| done.contains_key(unit)));
+            !units.is_empty()
+        });
+        if self.tests.is_empty() {
+            self.parts.clear();
+        }
+    }
 }
 
 /// Result of a bring-up.
@@ -170,6 +198,28 @@ impl Record {
             figures: Figures::default(),
             mistakes: Vec::new(),
             standing: Vec::new(),
+            owed: Owed::default(),
+        }
+    }
+
+    /// One that begins anew, of a rig that has this one. Where a part was exchanged, what this one
+    /// has tested is owed.
+    #[must_use]
+    pub fn anew(&self, rig: &Rig, now: Identity) -> Self {
+        let mut owed = self.owed.clone();
+        let changes = self.identity.changed(&now).into_iter();
+        let parts = changes.filter(|change| change.is_part);
+        owed.parts.extend(parts.map(|change| change.words));
+        if !owed.parts.is_empty() {
+            for (test, done) in &self.tests {
+                owed.tests.entry(*test).or_default().extend(done.keys());
+            }
+        }
+        owed.settle(rig, &BTreeMap::new());
+        Self {
+            owed,
+            // What one does not know now was tested all the same.
+            ..Self::new(rig, self.identity.updated(now))
         }
     }
 
@@ -203,6 +253,7 @@ impl Record {
         if !measured.is_empty() {
             self.standing.retain(|named| named.mistake.test() != test);
         }
+        self.owed.settle(rig, &self.tests);
         self.mistakes = judge(rig, &self.figures);
         for named in &self.standing {
             if !(self.mistakes.iter()).any(|found| found.mistake == named.mistake) {

@@ -3,7 +3,7 @@
 
 use super::hub::STOPPED_BY;
 use super::protocol::{
-    Call, Event, Hello, HoldParams, Request, ServiceStatus, Telemetry, Tick, Topics, Welcome,
+    Call, CommandParams, Event, Hello, HoldParams, Request, ServiceStatus, Telemetry, Tick, Topics, Welcome,
 };
 use super::socket;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
@@ -72,6 +72,8 @@ pub enum Notification {
     Event(Event),
     /// The link of the service was lost: why.
     LinkLost(String),
+    /// The service has refused a frame of this client: why.
+    Refused(String),
 }
 
 enum Line {
@@ -296,6 +298,7 @@ fn parse(line: &str) -> Option<Line> {
         "tick" => Notification::Tick(serde_json::from_value(params).ok()?),
         "telemetry" => Notification::Telemetry(serde_json::from_value(params).ok()?),
         "event" => Notification::Event(serde_json::from_value(params).ok()?),
+        "refused" => Notification::Refused(params.as_str()?.to_owned()),
         "link_lost" => Notification::LinkLost(params.as_str()?.to_owned()),
         _ => return None,
     }))
@@ -316,8 +319,20 @@ impl ServiceLink {
     ///
     /// # Errors
     /// Another client commands, or the service is gone.
-    pub fn commander(mut client: Client) -> Result<Self, ServiceError> {
-        client.call(Call::Command)?;
+    pub fn commander(client: Client) -> Result<Self, ServiceError> {
+        Self::commander_with(client, CommandParams::default())
+    }
+
+    /// A link that commands a rig whose parts may be new ones, to test it.
+    ///
+    /// # Errors
+    /// As [`ServiceLink::commander`].
+    pub fn tester(client: Client) -> Result<Self, ServiceError> {
+        Self::commander_with(client, CommandParams { tests: true })
+    }
+
+    fn commander_with(mut client: Client, how: CommandParams) -> Result<Self, ServiceError> {
+        client.call(Call::Command(how))?;
         let mut link = Self::observer(client)?;
         link.commands = true;
         // An emulated rig's figures count from here. They belong to the commander: an observer
@@ -383,6 +398,7 @@ impl ServiceLink {
                 Ok(())
             }
             Notification::LinkLost(cause) => Err(self.lost(&cause)),
+            Notification::Refused(why) => Err(LinkError::Service(why)),
             Notification::Event(event) => {
                 let who = event.text.strip_prefix(STOPPED_BY);
                 if let Some(who) = who.filter(|_| event.kind == "stop") {

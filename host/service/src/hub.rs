@@ -18,9 +18,11 @@ use super::job;
 use super::protocol::{notification, Event, Tick};
 use super::terminal::Terminal;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
+use bring_up::gate::Changes;
 use clients::{Client, Waiter};
 use control::SystemState;
 use known::base;
+use known::store::Store;
 use rig::Rig;
 use serde_json::Value;
 use session::link::{Exchange, LinkError, RigLink};
@@ -96,6 +98,8 @@ pub(super) struct Setup {
     pub token: Option<String>,
     /// Opens the link again where it was lost; `None`: the service ends with its link.
     pub reopen: Option<Opener>,
+    /// Where the rig's bring-up and calibration are kept; `None`: in the user's folder.
+    pub store: Option<Store>,
     /// End where nobody was connected for this long and nothing is driven.
     pub idle_end: Option<Duration>,
     /// The link's time passes as fast as it can be computed: it waits for a commander that drives.
@@ -115,6 +119,8 @@ pub(super) struct Hub {
     sender: Sender<Inbound>,
     clients: BTreeMap<ClientId, Client>,
     commander: Option<ClientId>,
+    /// Whether the commander tests a rig whose parts may be new ones.
+    commander_tests: bool,
     commander_ns: u64,
     commander_seen: Instant,
     job: Option<job::Running>,
@@ -178,6 +184,7 @@ impl Hub {
             sender,
             clients,
             commander: None,
+            commander_tests: false,
             commander_ns: 0,
             commander_seen: Instant::now(),
             job: None,
@@ -439,9 +446,7 @@ impl Hub {
                 self.outbox.extend_from_slice(&out[..length]);
             }
         }
-        if matches!(pending.command, Command::Setpoints { .. }) {
-            return;
-        }
+        // Setpoints are answered only where they are refused; the client that sent them hears it.
         pending.attempts += 1;
         pending.due_ns = self.now_ns
             + match pending.origin {
@@ -597,6 +602,31 @@ impl Hub {
         let who = unit.map_or_else(|| "board".to_owned(), |unit| format!("unit {unit}"));
         let text = format!("{who}: {}", explain_fault(fault.code, fault.detail));
         self.event("fault", text, Some((fault.code, unit)));
+    }
+
+    /// Why a client may not drive this rig: a part of it was exchanged since its bring-up, the
+    /// board included. Read anew each time, for parts may be exchanged while the service runs.
+    fn exchanged(&self, id: ClientId) -> Option<String> {
+        if self.commander_tests && self.commander == Some(id) {
+            return None;
+        }
+        let (file, text) = &self.setup.rig_file;
+        let refusal = || -> Result<Option<String>, String> {
+            let rig = Rig::parse(file, text).map_err(|error| error.to_string())?;
+            let store = match &self.setup.store {
+                Some(store) => store.clone(),
+                None => Store::of_rig(&rig.name, self.seed).map_err(|error| error.to_string())?,
+            };
+            let number = self.info.as_ref().and_then(BoardInfo::number);
+            let number = number.map(|number| number.as_str().to_owned());
+            let changes = Changes::of(&rig, &store, number).map_err(|error| error.to_string())?;
+            Ok(changes.refusal())
+        };
+        refusal().unwrap_or_else(|error| {
+            Some(format!(
+                "whether a part was exchanged since the bring-up can't be read: {error}; nothing was driven"
+            ))
+        })
     }
 
     /// Tells everyone who wants to know.

@@ -37,6 +37,8 @@ pub mod code {
     pub const UNSUPPORTED: i64 = 5;
     /// The job failed.
     pub const JOB: i64 = 6;
+    /// A part of the rig was exchanged since its bring-up.
+    pub const EXCHANGED: i64 = 7;
 }
 
 /// What a client requests.
@@ -47,7 +49,7 @@ pub enum Call {
     Hello(Hello),
     /// Become the commander. Refused while another client commands, unless that one has been silent
     /// for 1 s of the link's time and drives nothing.
-    Command,
+    Command(CommandParams),
     /// Stop being the commander. A rig that is driven is disarmed.
     Release,
     /// All motors to 0 V at once, latched until `clear`. Any client, at any time.
@@ -158,6 +160,15 @@ impl Hello {
         }
         format!("{} ({})", self.client, known.join(", "))
     }
+}
+
+/// How a client commands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CommandParams {
+    /// It tests a rig whose parts may be new ones, as `forcectl bring-up` does: it alone may drive
+    /// it then.
+    pub tests: bool,
 }
 
 /// What `hold` holds.
@@ -361,6 +372,8 @@ mod tests {
                 ..Hello::nameless("a test")
             }),
             Call::Hello(Hello::of_this_process("a test")),
+            Call::Command(CommandParams::default()),
+            Call::Command(CommandParams { tests: true }),
             Call::Hold(HoldParams::default()),
             Call::SetForce(ForceParams {
                 force_n: [0.0, 2.5, 0.0],
@@ -389,6 +402,8 @@ mod tests {
         ] {
             assert_eq!(Request::parse(line).unwrap().call, Call::Stop);
         }
+        let command = Request::parse(r#"{"id":1,"method":"command"}"#).unwrap();
+        assert_eq!(command.call, Call::Command(CommandParams::default()));
         let hold = Request::parse(r#"{"id":1,"method":"hold"}"#).unwrap();
         assert_eq!(hold.call, Call::Hold(HoldParams::default()));
     }

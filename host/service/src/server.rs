@@ -5,6 +5,7 @@ use super::hub::{Hub, Opener, Setup};
 use super::inbound::{next_id, Inbound};
 use super::socket::Listening;
 use super::terminal::Terminal;
+use known::store::Store;
 use session::link::{LinkError, RigLink};
 use std::io;
 use std::net::{SocketAddr, TcpListener};
@@ -26,6 +27,8 @@ pub struct ServeOptions {
     pub tcp: Option<(SocketAddr, String)>,
     /// Opens the link again where it was lost; `None`: the service ends with its link.
     pub reopen: Option<Opener>,
+    /// Where the rig's bring-up and calibration are kept; `None`: in the user's folder.
+    pub store: Option<Store>,
     /// End where nobody was connected for this long and nothing is driven.
     pub idle_end: Option<Duration>,
     /// The link's time is not that of the clock on the wall, but passes as fast as it can be
@@ -139,6 +142,7 @@ pub fn serve(
         rig_file: options.rig_file,
         token,
         reopen: options.reopen,
+        store: options.store,
         idle_end: options.idle_end,
         lockstep: options.lockstep,
         stop: options.stop,

@@ -178,7 +178,7 @@ impl Bench {
     /// which a part was exchanged since its bring-up.
     fn tested(connection: &Connection, context: &Context) -> Result<Self> {
         let bench = Self::load(connection, context)?;
-        connection.require_unchanged(&bench.rig, context)?;
+        connection.require_unchanged(context)?;
         Ok(bench)
     }
 

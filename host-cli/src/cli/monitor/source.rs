@@ -87,7 +87,10 @@ impl Source for ServiceSource {
                 fault: event.fault,
                 unit: event.unit,
             })),
-            Some(Notification::Tick(_) | Notification::LinkLost(_)) | None => None,
+            Some(
+                Notification::Tick(_) | Notification::LinkLost(_) | Notification::Refused(_),
+            )
+            | None => None,
         })
     }
 

@@ -91,8 +91,11 @@ impl Hub {
                 }
                 self.succeed(id, number, json!({}));
             }
-            Call::Command => match self.make_commander(id) {
-                Ok(()) => self.succeed(id, number, json!({})),
+            Call::Command(how) => match self.make_commander(id) {
+                Ok(()) => {
+                    self.commander_tests = how.tests;
+                    self.succeed(id, number, json!({}));
+                }
                 Err(other) => self.busy(id, number, &other),
             },
             Call::Disarm => self.disarm(id, number),
@@ -210,6 +213,9 @@ impl Hub {
         if let Some(other) = self.other_commander(id) {
             let name = self.name_of(other);
             return self.busy(id, number, &name);
+        }
+        if let Some(why) = self.exchanged(id) {
+            return self.fail(id, number, code::EXCHANGED, &why);
         }
         self.jobs += 1;
         let order = job::Order {

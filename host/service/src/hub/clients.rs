@@ -4,7 +4,7 @@ use super::{Hub, Origin};
 use crate::frames::Numbering;
 use crate::inbound::{ClientId, Inbound, TERMINAL};
 use crate::outbox::Outbox;
-use crate::protocol::{code, Hello, Topics};
+use crate::protocol::{code, notification, Hello, Topics};
 use serde_json::Value;
 use wire::message::{CommandError, Reply, Response};
 use wire::{BoardMessage, Command, Decoder, HostFrame};
@@ -158,6 +158,7 @@ impl Hub {
             };
             self.event("commander", text, None);
         }
+        self.commander_tests &= self.commander == Some(id);
         self.commander = Some(id);
         self.commander_ns = self.now_ns;
         self.commander_seen = std::time::Instant::now();
@@ -229,15 +230,34 @@ impl Hub {
                 self.note_stop(id);
                 self.send(Origin::Frame(id, seq), Command::Stop);
             }
-            _ => {
-                if self.make_commander(id).is_ok() {
-                    self.send(Origin::Frame(id, seq), frame.command);
-                } else if !matches!(frame.command, Command::Setpoints { .. }) {
-                    // docs/protocol.md: the other side commands now.
-                    self.reply_to(id, seq, Response::Rejected(CommandError::NotConnected));
+            command => match self.make_commander(id) {
+                Ok(()) => {
+                    let drives = matches!(command, Command::Arm | Command::Zero { .. });
+                    match drives.then(|| self.exchanged(id)).flatten() {
+                        Some(why) => {
+                            let state = self.status.as_ref().map_or(0, |status| status.state);
+                            self.refuse(id, seq, CommandError::State(state), &why);
+                        }
+                        None => self.send(Origin::Frame(id, seq), frame.command),
+                    }
                 }
-            }
+                // docs/protocol.md: the other side commands now.
+                Err(other) if matches!(command, Command::Setpoints { .. }) => {
+                    let why = format!("{other} commands this rig: setpoints of others are refused");
+                    self.refuse(id, seq, CommandError::NotConnected, &why);
+                }
+                Err(_) => self.reply_to(id, seq, Response::Rejected(CommandError::NotConnected)),
+            },
         }
+    }
+
+    /// Refuses a frame of a client: in words, which no refusal of the board has, and as the board
+    /// does.
+    fn refuse(&mut self, id: ClientId, seq: u16, refusal: CommandError, why: &str) {
+        if let Some(client) = self.clients.get(&id) {
+            client.outbox.line(notification("refused", &why));
+        }
+        self.reply_to(id, seq, Response::Rejected(refusal));
     }
 
     /// Tells everyone who stops the rig, before the board does it.

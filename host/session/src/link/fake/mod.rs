@@ -66,6 +66,8 @@ pub struct FakeBoard {
     pub fault: Option<(Fault, u32)>,
     /// Faults of the units that are latched.
     pub unit_faults: [Option<(Fault, u32)>; UNITS],
+    /// The controller's own number; all 0: none.
+    pub unique_id: [u32; 3],
     /// Time of the link, ns.
     pub now_ns: u64,
     epoch_ns: u64,
@@ -119,6 +121,7 @@ impl FakeBoard {
             commands: Vec::new(),
             fault: None,
             unit_faults: [None; UNITS],
+            unique_id: [0; 3],
             now_ns: 0,
             epoch_ns: 0,
             resets: 0,

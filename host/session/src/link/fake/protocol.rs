@@ -122,7 +122,7 @@ impl FakeBoard {
             hse: true,
             reset_flags: 0,
             option_bytes: 3 << 2,
-            unique_id: [0; 3],
+            unique_id: self.unique_id,
             dac_reset_pull: Pull::Down,
             crash_record: (self.resets > 0).then(|| wire::message::CrashRecord {
                 code: Fault::WatchdogReset.code(),
@@ -146,10 +146,10 @@ impl FakeBoard {
                 None => Response::Rejected(CommandError::UnknownUnit(*unit)),
             }),
             Command::GetBoard => Some(Response::Board(self.board_config)),
-            Command::Setpoints { valid_ms, units } => {
-                self.take_setpoints(*valid_ms, units);
-                None
-            }
+            Command::Setpoints { valid_ms, units } => self
+                .take_setpoints(*valid_ms, units)
+                .err()
+                .map(Response::Rejected),
             command => Some(match self.execute(command) {
                 Ok(()) => Response::Done,
                 Err(error) => Response::Rejected(error),
@@ -157,19 +157,31 @@ impl FakeBoard {
         }
     }
 
-    fn take_setpoints(&mut self, valid_ms: u16, units: &[UnitSetpoint; UNITS]) {
-        if self.system != SystemState::Running {
-            return;
-        }
-        for i in 0..UNITS {
-            match Setpoint::from_wire(&self.configs[i], &units[i]) {
-                Ok(setpoint) => self.setpoints[i] = setpoint,
-                Err(field) => panic!("unit {i}: field {field} out of range: {units:?}"),
+    /// Refuses the whole frame where a number of it is out of its range, as the board does.
+    fn take_setpoints(
+        &mut self,
+        valid_ms: u16,
+        units: &[UnitSetpoint; UNITS],
+    ) -> Result<(), CommandError> {
+        let mut taken = self.setpoints;
+        for (i, setpoint) in taken.iter_mut().enumerate() {
+            if self.configs[i].enabled() {
+                *setpoint = Setpoint::from_wire(&self.configs[i], &units[i]).map_err(|field| {
+                    CommandError::Range {
+                        unit: i as u8,
+                        field,
+                    }
+                })?;
             }
         }
+        if self.system != SystemState::Running {
+            return Ok(());
+        }
+        self.setpoints = taken;
         self.tip
             .set_directions(&units.map(|unit| unit.direction_q14));
         self.expires_ns = Some(self.now_ns + u64::from(valid_ms) * MS);
+        Ok(())
     }
 
     /// Commands that are answered with done, or rejected.
