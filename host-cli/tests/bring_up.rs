@@ -175,16 +175,36 @@ fn an_experiment_with_a_rig_of_which_a_part_was_exchanged_does_not_begin() {
     expect(folder.path(), experiment, 2, &[what, "nothing was driven"]);
 }
 
+/// The file of a bring-up, in the store that there is.
+fn record_path(folder: &Path) -> PathBuf {
+    let files = walk(&folder.join("state"));
+    let current = files.iter().find(|path| path.ends_with("current.toml"));
+    current.expect("a store").with_file_name("bring-up.json")
+}
+
+/// What the package's client is told that asks for a hold and for a force.
+#[cfg(unix)]
+fn by_python(folder: &Path) -> String {
+    let client = concat!(env!("CARGO_MANIFEST_DIR"), "/../python/forcerig");
+    let program = "import _client\n\
+        with _client.connect() as rig:\n    \
+            for ask in (rig.hold, lambda: rig.set_force([0, 1, 0], 1)):\n        \
+                try:\n            print(ask())\n        \
+                except _client.RigError as error:\n            print(error.code, error)\n";
+    let output = std::process::Command::new("python3")
+        .args(["-c", program])
+        .env("PYTHONPATH", client)
+        .env("FORCECTL_RUNTIME_DIR", folder.join("run"))
+        .output()
+        .expect("python3 runs");
+    common::said(&output).out
+}
+
 /// What a bring-up leaves behind, in the store that there is.
 fn leave_record(folder: &Path, board: &str, serials: [[&str; 4]; 6]) {
-    let store = walk(&folder.join("state"))
-        .into_iter()
-        .find(|path| path.ends_with("current.json") || path.extension().is_some())
-        .and_then(|path| path.parent().map(Path::to_path_buf))
-        .expect("a store");
     let record = serde_json::json!({"schema": 2, "rig": "raven-left-example", "tests": {}, "figures": {}, "mistakes": [],
         "identity": {"board": board, "rig_hash": "", "serials": serials}});
-    std::fs::write(store.join("bring-up.json"), record.to_string()).unwrap();
+    std::fs::write(record_path(folder), record.to_string()).unwrap();
 }
 
 /// Two rigs whose rig files were exchanged: the file's record names the other rig's board.
@@ -210,6 +230,10 @@ fn a_rig_file_of_another_board_drives_nothing() {
     );
     let other = "003100253039510D34313737";
     leave_record(folder.path(), other, [[""; 4]; 6]);
+    let done = r#""tests":{"reels":{"3":"2026-11-26"}}"#;
+    let path = record_path(folder.path());
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace(r#""tests":{}"#, done)).unwrap();
     let what = format!("the board was {other} and is {number}");
     for command in [
         "zero --direct",
@@ -222,6 +246,10 @@ fn a_rig_file_of_another_board_drives_nothing() {
         // These go through the service that the first one starts.
         "arm",
         "zero",
+        "hold --duration 1",
+        "set-force 0 1 0 --duration 1",
+        "identify --out found",
+        "calibrate push",
     ] {
         let line = format!("{command} {at}");
         expect(folder.path(), &line, 2, &[&what, "nothing was driven"]);
@@ -230,6 +258,20 @@ fn a_rig_file_of_another_board_drives_nothing() {
     let status: Value = serde_json::from_str(&status).unwrap();
     let state = &status["status"]["units"][0]["state"];
     assert_eq!(state, 0, "nothing was configured: {status}");
+    let asked = by_python(folder.path());
+    assert_eq!(asked.matches(&what).count(), 2, "{asked}");
+    // What ends a drive and the bring-up itself are not refused for it.
+    expect(folder.path(), &format!("clear {at}"), 0, &[]);
+    expect(folder.path(), &format!("disarm {at}"), 0, &[]);
+    let said = run(folder.path(), &format!("bring-up {at} --yes"));
+    assert!(said.err.contains("every test begins anew"), "{said:?}");
+    // It was broken off: the new board is as untested as before.
+    expect(
+        folder.path(),
+        &format!("hold {at} --direct"),
+        2,
+        &[&what, "it was begun; `reels` is open"],
+    );
     // The right board is used.
     leave_record(folder.path(), number, [[""; 4]; 6]);
     expect(folder.path(), &format!("zero {at}"), 0, &["zero code"]);

@@ -31,8 +31,8 @@ impl Changes {
             return Ok(Self::default());
         };
         let now = Identity::of(rig, store, board)?;
-        let (parts, settings): (Vec<_>, Vec<_>) = (record.identity.changed(&now).into_iter())
-            .partition(|change| change.is_part);
+        let (parts, settings): (Vec<_>, Vec<_>) =
+            (record.identity.changed(&now).into_iter()).partition(|change| change.is_part);
         let words = |changes: Vec<record::Change>| changes.into_iter().map(|change| change.words);
         Ok(Self {
             parts: (record.owed.parts.iter().cloned())

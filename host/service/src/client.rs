@@ -3,7 +3,8 @@
 
 use super::hub::STOPPED_BY;
 use super::protocol::{
-    Call, CommandParams, Event, Hello, HoldParams, Request, ServiceStatus, Telemetry, Tick, Topics, Welcome,
+    Call, CommandParams, Event, Hello, HoldParams, Request, ServiceStatus, Telemetry, Tick, Topics,
+    Welcome,
 };
 use super::socket;
 use base64::prelude::{Engine as _, BASE64_STANDARD};

@@ -1,12 +1,16 @@
 //! Tests of the service with a board in memory: who may do what, what happens when someone goes
 //! away.
 
+mod refusals;
+
 use super::client::{Client, Notification, ServiceError, ServiceLink};
 use super::hub::CYCLE;
-use super::protocol::{code, Call, ForceParams, HoldParams, Topics};
+use super::protocol::{code, Call, CommandParams, ForceParams, HoldParams, Topics};
 use super::server::{serve, ServeOptions};
 use super::socket::{Listening, Socket};
 use super::stop::stop;
+use base64::prelude::{Engine as _, BASE64_STANDARD};
+use known::store::Store;
 use known::ZeroStore;
 use rig::{Rig, DEFAULT_NAME, DEFAULT_TEXT};
 use run::{ready_board, set_force, NoopObserver, Options, RunError, Zeroing};
@@ -152,6 +156,11 @@ impl KeptRig {
     }
 
     fn with_bit_errors(behavior: Behavior, prepared: bool, rate: f64) -> Self {
+        Self::of(behavior, prepared, rate, None)
+    }
+
+    /// `store`: where the rig's bring-up is kept.
+    fn of(behavior: Behavior, prepared: bool, rate: f64, store: Option<Store>) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rig.sock");
         let stop = Arc::new(AtomicBool::new(false));
@@ -170,6 +179,7 @@ impl KeptRig {
             let reopen_plug = plug.clone();
             let make = move |prepared: bool| {
                 let mut board = FakeBoard::new(behavior);
+                board.unique_id = [1, 2, 3];
                 if prepared {
                     let rig = Rig::built_in().unwrap();
                     let mut session = Session::connect(&mut board).unwrap();
@@ -199,6 +209,7 @@ impl KeptRig {
                 name: "rig".to_owned(),
                 rig_file: (DEFAULT_NAME.to_owned(), DEFAULT_TEXT.to_owned()),
                 terminal: true,
+                store,
                 reopen: Some(Box::new(move || {
                     if reopen_plug.load(Ordering::SeqCst) {
                         Ok(make(true))

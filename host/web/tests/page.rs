@@ -4,8 +4,10 @@
 
 mod common;
 
+use bring_up::record::{Identity, Record};
 use common::Served;
 use futures_util::{SinkExt as _, StreamExt as _};
+use known::store::Store;
 use serde_json::{json, Value};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
@@ -151,6 +153,34 @@ async fn a_commander_that_is_gone_has_the_rig_disarmed() {
         watcher.state("ready").await;
         drop(kept);
     }
+}
+
+/// The page's buttons ask the service, which knows the board that was tested.
+#[tokio::test]
+async fn a_page_drives_no_rig_whose_board_was_exchanged() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::at(folder.path());
+    let identity = Identity {
+        board: "OTHER".to_owned(),
+        ..Identity::default()
+    };
+    let record = Record::new(&rig::Rig::built_in().unwrap(), identity);
+    bring_up::record::write(&store, &record).unwrap();
+    let served = Served::with(None, Some(store));
+    let mut page = Page::open(&served).await;
+    for (method, parameters) in [
+        ("hold", json!({"ends_with_client": true})),
+        ("set_force", json!({"force_n": [0, 1, 0], "duration_s": 1})),
+    ] {
+        let refused = page.call(method, parameters).await;
+        let message = refused["error"]["message"].as_str().expect("an error");
+        assert!(
+            message.contains("the board was OTHER and is")
+                && message.contains("nothing was driven"),
+            "{refused}"
+        );
+    }
+    page.state("ready").await;
 }
 
 #[tokio::test]

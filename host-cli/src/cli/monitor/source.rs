@@ -87,9 +87,7 @@ impl Source for ServiceSource {
                 fault: event.fault,
                 unit: event.unit,
             })),
-            Some(
-                Notification::Tick(_) | Notification::LinkLost(_) | Notification::Refused(_),
-            )
+            Some(Notification::Tick(_) | Notification::LinkLost(_) | Notification::Refused(_))
             | None => None,
         })
     }

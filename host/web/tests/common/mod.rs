@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test program needs a part")]
 
+use known::store::Store;
 use rig::{Rig, DEFAULT_NAME, DEFAULT_TEXT};
 use run::{NoopObserver, Zeroing};
 use service::socket::Listening;
@@ -27,6 +28,11 @@ pub struct Served {
 impl Served {
     /// A rig that is ready, its time that of the clock on the wall.
     pub fn new(token: Option<&str>) -> Self {
+        Self::with(token, None)
+    }
+
+    /// The same with a store of the rig's bring-up.
+    pub fn with(token: Option<&str>, store: Option<Store>) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let options = EmbeddedOptions {
             paced: true,
@@ -54,6 +60,7 @@ impl Served {
             let options = ServeOptions {
                 name: "rig".to_owned(),
                 rig_file: (DEFAULT_NAME.to_owned(), DEFAULT_TEXT.to_owned()),
+                store,
                 stop: ends,
                 ..ServeOptions::default()
             };
