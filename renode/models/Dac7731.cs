@@ -24,7 +24,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         public void Frame(uint word, int bits, bool idleHigh, bool secondEdge)
         {
             clockIdlesHigh = idleHigh;
-            if(highSelect)
+            if(highSelect || inReset)
             {
                 return;
             }
@@ -88,7 +88,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             if(high && !highSelect)
             {
-                if(!clockIdlesHigh)
+                if(!clockIdlesHigh && !inReset)
                 {
                     // CS rises while SCLK is low: one more bit is shifted (data sheet, "Serial interface").
                     shift = (shift << 1 | lastBit) & 0xFFFF;

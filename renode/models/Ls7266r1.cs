@@ -239,13 +239,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                     return;
                 }
                 var sum = (long)Counter + counts;
+                // A borrow sets the sign flag, a carry clears it.
                 if(sum < 0)
                 {
-                    Flags ^= 1;
+                    Flags = (Flags ^ 1) | 8;
                 }
                 if(sum > 0xFFFFFF)
                 {
-                    Flags ^= 2;
+                    Flags = (Flags ^ 2) & ~8u;
                 }
                 // CPT toggles each time that the counter comes to PR, also on its way from one look to the next.
                 if((Passes(Counter, sum) & 1) != 0)

@@ -242,6 +242,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private void WriteRegister(int address, byte value)
         {
             var before = registers[address];
+            if(address != PowerControl && (registers[PowerControl] & 1) != 0)
+            {
+                // RR is a level: while it is set every other register stays at its reset value.
+                this.Log(LogLevel.Warning, "register 0x{0:X2} written while RR is set", address);
+                return;
+            }
             switch(address)
             {
             case PowerControl:
@@ -249,27 +255,22 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 break;
             case Control1:
                 registers[address] = value;
-                if(before != value)
+                if(((before ^ value) & 0x3F) != 0)
                 {
-                    calibrationSpoilt |= calibrating;
-                    Restart();
+                    Disturb();
                 }
                 UpdateReadyPin();
                 break;
             case Control2:
                 registers[address] = (byte)(value & ~0x0C);
-                if(calibrating)
+                // CALS alone ignores a write while it is set. Another channel or rate spoils the calibration.
+                if(((before ^ value) & 0xF0) != 0)
                 {
-                    // CALS alone ignores a write while it is set. Another channel or rate spoils the calibration.
-                    calibrationSpoilt |= ((before ^ value) & 0xF0) != 0;
+                    Disturb();
                 }
-                else if((value & 4) != 0)
+                if((value & 4) != 0 && !calibrating)
                 {
                     Calibrate();
-                }
-                else if(before != (value & ~0x0C))
-                {
-                    Restart();
                 }
                 break;
             case Result:
@@ -280,8 +281,20 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 break;
             default:
                 registers[address] = value;
+                if(address >= Offset1 && address < Offset1 + 14)
+                {
+                    Restart();
+                }
                 break;
             }
+        }
+
+        /// A change that moves the zero: settle again, and the old calibration no longer fits.
+        private void Disturb()
+        {
+            LoseCalibration();
+            calibrationSpoilt |= calibrating;
+            Restart();
         }
 
         private void WritePowerControl(byte before, byte value)
@@ -295,7 +308,15 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             if((value & 2) != 0 && poweredUpAt == ulong.MaxValue)
             {
-                poweredUpAt = time.Now + PowerUpNs;
+                var upAt = time.Now + PowerUpNs;
+                poweredUpAt = upAt;
+                time.At(upAt, delegate
+                {
+                    if(poweredUpAt == upAt)
+                    {
+                        Restart();
+                    }
+                });
             }
             else if((value & 2) == 0)
             {
@@ -309,7 +330,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private int NeededBits { get { return FreeRuns ? 0x06 : 0x16; } }
 
-        private bool CanConvert { get { return (registers[PowerControl] & NeededBits) == NeededBits && !calibrating && !unplugged; } }
+        private bool CanConvert { get { return (registers[PowerControl] & NeededBits) == NeededBits && time.Now >= poweredUpAt && !calibrating && !unplugged; } }
 
         /// Six conversions settle after the start and after each change (data sheet 8.4): DRDY stays quiet, but in a variant.
         private void Restart()
@@ -364,7 +385,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             IdealCode = (int)Math.Round(bridge * Gain * 16777216.0);
             var part = settling > 0 ? Settling[SettlingConversions - settling] : 1.0;
-            var code = part * bridge * Gain * 16777216.0 + NoiseCounts() + zeroCounts + Spike;
+            var input = bridge * Gain * 16777216.0 + RawCounts;
+            var code = part * input + NoiseCounts() - SignedCounts(Offset1) + Spike;
             Spike = 0;
             if((registers[Control2] & 0x80) != 0)
             {
@@ -391,7 +413,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// The input's own offset, either way: an assumption, for the data sheet gives no figure. At gain 128 it is 0.3 N to 0.6 N.
         private void LoseCalibration()
         {
-            zeroCounts = (random.Uniform() < 0.5 ? -1.0 : 1.0) * RawOffsetCounts * (1.0 + random.Uniform());
+            rawAtGain128 = (random.Uniform() < 0.5 ? -1.0 : 1.0) * RawOffsetCounts * (1.0 + random.Uniform());
         }
 
         private void Calibrate()
@@ -417,19 +439,22 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             });
         }
 
-        /// What a calibration leaves: the offset that it found in the channel's coefficient, and a zero a little elsewhere each time,
-        /// as users of the part report. Conversions are computed with `zeroCounts`; the coefficient is there to be read.
+        /// What a calibration leaves: the offset that it found in the channel's coefficient, a little elsewhere each time, as users of
+        /// the part report.
         private void WriteOffset(int register)
         {
-            var remaining = ZeroScatterCounts * random.Normal();
-            var offset = (int)Math.Round(zeroCounts - remaining);
+            var offset = (int)Math.Round(RawCounts - ZeroScatterCounts * random.Normal());
             registers[register] = (byte)(offset >> 16);
             registers[register + 1] = (byte)(offset >> 8);
             registers[register + 2] = (byte)offset;
-            if(register == Offset1)
-            {
-                zeroCounts = remaining;
-            }
+        }
+
+        private double RawCounts { get { return rawAtGain128 * Gain / 128.0; } }
+
+        /// Three registers as a signed number.
+        private int SignedCounts(int register)
+        {
+            return (registers[register] << 24 | registers[register + 1] << 16 | registers[register + 2] << 8) >> 8;
         }
 
         /// Input-referred noise: 50 nV at 10 SPS and gain 128, with the root of the rate (data sheet 7.2).
@@ -484,7 +509,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private ulong nextSample;
         private double conversionEnd;
         private double oscillator = 1.0;
-        private double zeroCounts;
+        private double rawAtGain128;
         private double rateFactor = 1.0;
         private ulong poweredUpAt;
         private ulong epoch;
