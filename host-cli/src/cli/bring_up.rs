@@ -38,7 +38,8 @@ Tests, in their order:
 
 What was measured is kept in the rig's record, in the folder of its calibration. The same command goes on with what is not done
 yet, and repeats what found a mistake. On an emulated rig of the command's own it does by itself what you would do.
-Commands that drive the rig or store something about it refuse one of which a part was exchanged since, its board included.
+Commands that drive the rig or store something about it refuse one of which a part was exchanged since, its board included; so does the
+rig's service. They do until the tests that were done before are done with the new part.
 
 Exit codes:
   0  every test is done, and none found a mistake

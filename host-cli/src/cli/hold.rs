@@ -28,7 +28,6 @@ impl Hold {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
         self.connection.require_rig_file(&rig)?;
-        self.connection.require_unchanged(context)?;
         let rig = self.connection.calibrated(rig, context)?;
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;

@@ -76,7 +76,6 @@ impl SetForce {
             ],
         )?;
         self.connection.require_rig_file(&rig)?;
-        self.connection.require_unchanged(context)?;
         let mut rig = self.connection.calibrated(rig, context)?;
         rig.pose_sd_m = self.pose_sd.map_or(rig.pose_sd_m, |mm| 1e-3 * mm);
         let options = Options {

@@ -23,10 +23,8 @@ pub struct Zero {
 impl Zero {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        // Before the link is opened.
         let rig = self.connection.load(context)?;
         self.connection.require_rig_file(&rig)?;
-        self.connection.require_unchanged(context)?;
         self.connection
             .with_session(Role::Commander, context, |session, rig| {
                 let mut watch = Watch::new(&context.output);

@@ -413,6 +413,7 @@ pub fn write(store: &Store, record: &Record) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::figures::{ConverterFigures, TensionFigures};
 
     fn identity() -> Identity {
         let mut identity = Identity {
@@ -450,6 +451,37 @@ mod tests {
             changes.iter().map(|c| c.is_part).collect::<Vec<_>>(),
             [true, false, true]
         );
+    }
+
+    /// A bring-up that is begun with a new part has not tested it.
+    #[test]
+    fn a_new_part_is_owed_the_tests_that_the_former_one_had() {
+        let rig = Rig::built_in().unwrap();
+        let mut record = Record::new(&rig, identity());
+        record.figures.converters[0] = Some(ConverterFigures::default());
+        record.took(&rig, Test::Converters, &[0], "2026-11-26");
+        record.figures.tension[1] = Some(TensionFigures::default());
+        record.took(&rig, Test::Tension, &[1], "2026-11-26");
+        // The same parts begin anew, and one that is not told now is no other one.
+        let again = record.anew(&rig, Identity::default());
+        assert_eq!((&again.owed, again.tests.len()), (&Owed::default(), 0));
+        assert_eq!(again.identity, record.identity);
+        let mut now = identity();
+        now.board = "B2".to_owned();
+        let mut new = record.anew(&rig, now.clone());
+        assert_eq!(new.owed.parts, ["the board was B1 and is B2"]);
+        let owed: Vec<_> = new.owed.tests.keys().copied().collect();
+        assert_eq!(owed, [Test::Converters, Test::Tension]);
+        // To begin once more settles nothing.
+        new = new.anew(&rig, now);
+        new.figures.converters[0] = Some(ConverterFigures::default());
+        new.took(&rig, Test::Converters, &[0], "2026-11-27");
+        new.figures.tension[0] = Some(TensionFigures::default());
+        new.took(&rig, Test::Tension, &[0], "2026-11-27");
+        assert_eq!(new.owed.parts.len(), 1, "unit 2 was not tested");
+        new.figures.tension[1] = Some(TensionFigures::default());
+        new.took(&rig, Test::Tension, &[1], "2026-11-27");
+        assert_eq!(new.owed, Owed::default());
     }
 
     #[test]
