@@ -6,6 +6,7 @@ use control::{
     AdcCode, Config, Controller, DacCode, EncoderCounts, Fault, Input, InvCos, Micros, Newton,
     Output, State,
 };
+use wire::message::flags;
 
 /// Period of the samples, in microseconds.
 const PERIOD_US: u32 = 3_125;
@@ -111,6 +112,23 @@ fn a_reel_that_takes_up_slack_fast_is_braked() {
     assert_eq!(after_a_second(100, 0), 0);
     let tight_un = after_a_second(100, 1_500_000);
     assert!(tight_un > 1_000_000, "{tight_un}");
+}
+
+/// The flags say at which of its limits the command stands.
+#[test]
+fn the_command_is_told_to_be_at_its_upper_or_its_lower_limit() {
+    let after_a_second = |step_nm: i64, tension_un: i64, setpoint_un: i32| {
+        let mut unit = Unit::new();
+        let outputs: Vec<Output> = (0..320)
+            .map(|_| unit.sample(step_nm, tension_un, setpoint_un, Drive::Follow))
+            .collect();
+        outputs.last().expect("samples").flags & flags::AT_A_LIMIT
+    };
+    let lacks = after_a_second(0, 1_200_000, 8_000_000);
+    assert_eq!(lacks, flags::LIMITED, "the cable has far too little");
+    let exceeds = after_a_second(0, 12_000_000, 2_000_000);
+    assert_eq!(exceeds, flags::AT_ZERO, "something else pulls");
+    assert_eq!(after_a_second(0, 3_000_000, 3_000_000), 0);
 }
 
 #[test]

@@ -64,12 +64,13 @@ fn send(out: &mut impl Write, line: &Value) -> bool {
     out.write_all(format!("{line}\n").as_bytes()).is_ok()
 }
 
-/// Telemetry as an older service sends it: without the newer keys.
+/// Telemetry as an older service sends it: without some of the newer keys.
 fn telemetry(out: &mut impl Write) {
     for n in 0.. {
         let params = json!({
             "t_s": f64::from(n) * 0.02, "tension_n": [1.5, null, null, null, null, null],
             "setpoint_n": [null, null, null, null, null, null], "state": "running", "tip_m": null, "true_force_n": null,
+            "encoder_counts": [4000, null, -17, null, null, null], "adc_code": [123_456, null, null, null, null, null],
         });
         let line = json!({"jsonrpc": "2.0", "method": "telemetry", "params": params});
         if !send(out, &line) {
@@ -229,4 +230,35 @@ fn ctrl_c_and_sigterm_give_the_terminal_back() {
         assert!(kill.unwrap().success());
         on.ends(130);
     }
+}
+
+/// A reel that is turned by hand shows its counts: as lines, and in the JSON.
+#[test]
+fn counts_and_codes_are_printed() {
+    let folder = tempfile::tempdir().unwrap();
+    service(folder.path());
+    let said = |option: &str| {
+        let line = format!("monitor --link rig:fake --duration 0.5 {option}");
+        let output = Command::new(env!("CARGO_BIN_EXE_forcectl"))
+            .args(line.split_whitespace())
+            .env("FORCECTL_RUNTIME_DIR", folder.path())
+            .output()
+            .unwrap();
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let lines = said("--counts");
+    assert!(
+        lines.lines().any(|line| {
+            let words: Vec<_> = line.split_whitespace().collect();
+            words.windows(3).any(|words| words == ["4000", "-", "-17"])
+        }),
+        "{lines}"
+    );
+    let json = said("--json");
+    let first: Value = serde_json::from_str(json.lines().next().unwrap()).unwrap();
+    assert_eq!(
+        first["encoder_counts"],
+        json!([4000, null, -17, null, null, null])
+    );
+    assert_eq!(first["adc_code"][0], 123_456);
 }

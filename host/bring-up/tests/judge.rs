@@ -1,7 +1,8 @@
 //! What figures say, and what a record keeps of them: without a rig.
 
 use bring_up::figures::{
-    BoardFigures, ConverterFigures, EStopFigures, Figures, MotorFigures, PowerFigures, PulseFigures,
+    BoardFigures, ConverterFigures, EStopFigures, Figures, MotorFigures, PowerFigures, PullFigures,
+    PulseFigures,
 };
 use bring_up::judge::judge;
 use bring_up::mistake::{Mistake, Sure};
@@ -80,11 +81,11 @@ fn what_the_board_sees_of_the_e_stop_while_the_power_is_tested_is_judged() {
         }),
         ..Figures::default()
     };
-    assert_eq!(names(&of(Some(false), Some(true))), []);
-    assert_eq!(names(&of(None, None)), []);
-    let closed = names(&of(Some(true), None));
+    assert_eq!(names(&pulled(Some(false), Some(true))), []);
+    assert_eq!(names(&pulled(None, None)), []);
+    let closed = names(&pulled(Some(true), None));
     assert_eq!(closed, [(Mistake::EStopNotRead, Sure::Certain)]);
-    let open = names(&of(Some(false), Some(false)));
+    let open = names(&pulled(Some(false), Some(false)));
     assert_eq!(open, [(Mistake::EStopOpen, Sure::Certain)]);
     // Neither lets a motor be driven.
     let rig = Rig::built_in().unwrap();
@@ -216,4 +217,57 @@ fn a_test_of_one_unit_leaves_what_was_found_of_the_others() {
     assert!(!record.open(&[0]).contains(&Test::Estop));
     record.forget(Test::Estop, &[2]);
     assert!(record.open(&[0]).contains(&Test::Estop));
+}
+
+/// All six of a kind, each at its neighbour's place: one name, with all of them.
+#[test]
+fn six_that_are_permuted_are_named_as_one_mistake() {
+    let rig = Rig::built_in().unwrap();
+    let next = |i: usize| (i + 1) % UNITS;
+    let all: Vec<u8> = (1..=UNITS as u8).collect();
+    let one = |figures: &Figures, mistake: Mistake| {
+        assert_eq!(names(figures), [(mistake, Sure::Certain)]);
+    };
+    let mut drdy = Figures::default();
+    for (i, converter) in drdy.converters.iter_mut().enumerate() {
+        let mut found = ConverterFigures {
+            samples: 640,
+            seconds: 2.0,
+            missed: 29,
+            ..ConverterFigures::default()
+        };
+        found.silenced[next(i)] = true;
+        *converter = Some(found);
+    }
+    one(&drdy, Mistake::DrdyExchanged { units: all.clone() });
+    let pulled = |encoder: fn(usize) -> usize, cell: fn(usize) -> usize| {
+        let mut figures = Figures::default();
+        for (i, pull) in figures.pulls.iter_mut().enumerate() {
+            let mut found = PullFigures {
+                travel_m: 0.2,
+                counts: [0; UNITS],
+                cell_n: [0.0; UNITS],
+            };
+            let at = encoder(i);
+            found.counts[at] = -(0.2 / rig.units[at].travel_m_per_count) as i32;
+            found.cell_n[cell(i)] = 1.5;
+            *pull = Some(found);
+        }
+        figures
+    };
+    one(
+        &pulled(|i| (i + 1) % UNITS, |i| i),
+        Mistake::EncodersExchanged { units: all.clone() },
+    );
+    one(
+        &pulled(|i| i, |i| (i + 5) % UNITS),
+        Mistake::CellsExchanged { units: all.clone() },
+    );
+    let mut motors = pulled(|i| i, |i| i);
+    for (i, motor) in motors.motors.iter_mut().enumerate() {
+        let mut found = pulses(next(i), true);
+        found.pulses = vec![found.pulses[0]; 2];
+        *motor = Some(found);
+    }
+    one(&motors, Mistake::MotorsExchanged { units: all });
 }

@@ -145,6 +145,13 @@ fn only_a_bring_up_drives_a_rig_with_a_new_part() {
     drop(link);
     rig.wait_for("ready");
     assert_eq!(rig.got(&Command::Arm), 1);
+    // Frames make their sender the commander, and no tester of it.
+    let mut script = rig.client("a script");
+    let bytes = BASE64_STANDARD.encode(frames(&[HELLO, Command::Arm]));
+    script.send(Call::Bytes(bytes), None).unwrap();
+    let told = script.next(PATIENCE).unwrap();
+    assert!(matches!(told, Some(Notification::Refused(_))), "{told:?}");
+    drop(script);
     let mut link = rig.commander("a run");
     let mut session = Session::connect(&mut link).unwrap();
     assert!(session.command(&Command::Arm).is_err());
