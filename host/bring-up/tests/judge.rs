@@ -81,11 +81,11 @@ fn what_the_board_sees_of_the_e_stop_while_the_power_is_tested_is_judged() {
         }),
         ..Figures::default()
     };
-    assert_eq!(names(&pulled(Some(false), Some(true))), []);
-    assert_eq!(names(&pulled(None, None)), []);
-    let closed = names(&pulled(Some(true), None));
+    assert_eq!(names(&of(Some(false), Some(true))), []);
+    assert_eq!(names(&of(None, None)), []);
+    let closed = names(&of(Some(true), None));
     assert_eq!(closed, [(Mistake::EStopNotRead, Sure::Certain)]);
-    let open = names(&pulled(Some(false), Some(false)));
+    let open = names(&of(Some(false), Some(false)));
     assert_eq!(open, [(Mistake::EStopOpen, Sure::Certain)]);
     // Neither lets a motor be driven.
     let rig = Rig::built_in().unwrap();
