@@ -3,7 +3,7 @@
 // Renode's own port keeps one bit for what the core writes and what the outside drives; mode, output
 // type and pulls do not matter there. This board has a bus that changes direction (LS7266R1), open-drain
 // lines whose level differs from what was written (I2C recovery) and inputs that read 0 while analog,
-// so a pad here is: mode, latch, what the outside drives, pull; and the level follows.
+// so a pad here is: mode, latch, what the outside drives, pulls; and the level follows.
 
 using Antmicro.Renode.Core;
 using Antmicro.Renode.Core.Structure.Registers;
@@ -17,10 +17,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
     public class GpioPort : BaseGPIOPort, IDoubleWordPeripheral, IProvidesRegisterCollection<DoubleWordRegisterCollection>, IKnownSize
     {
         /// `modeReset`, `pullReset`: MODER and PUPDR after reset; most ports start analog.
-        /// `boardPull`: what the board's own resistors do with an undriven pad, bit n high, else low.
-        public GpioPort(IMachine machine, uint modeReset = 0xFFFFFFFF, uint pullReset = 0, uint boardPull = 0) : base(machine, Pins)
+        /// `boardUp`, `boardDown`: see the properties.
+        public GpioPort(IMachine machine, uint modeReset = 0xFFFFFFFF, uint pullReset = 0, uint boardUp = 0, uint boardDown = 0) : base(machine, Pins)
         {
-            this.boardPull = boardPull;
+            this.boardUp = boardUp;
+            this.boardDown = boardDown;
             RegistersCollection = new DoubleWordRegisterCollection(this);
             DefineRegisters(modeReset, pullReset);
             Reset();
@@ -79,6 +80,28 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         public bool IsOutput(int pin)
         {
             return modes[pin].Value == Mode.Output;
+        }
+
+        /// Pins with a resistor of the board to its supply. It has 10 kOhm or less, so it wins over the controller's own 30 to 50 kOhm.
+        public uint BoardUp
+        {
+            get { return boardUp; }
+            set
+            {
+                boardUp = value;
+                UpdatePads(0xFFFF);
+            }
+        }
+
+        /// As BoardUp, to ground.
+        public uint BoardDown
+        {
+            get { return boardDown; }
+            set
+            {
+                boardDown = value;
+                UpdatePads(0xFFFF);
+            }
         }
 
         public DoubleWordRegisterCollection RegistersCollection { get; private set; }
@@ -153,8 +176,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             else
             {
-                var pull = mode == Mode.Analog ? Pull.None : pulls[pin].Value;
-                level = pull == Pull.Up || pull == Pull.None && (boardPull & bit) != 0;
+                var pulledUp = mode != Mode.Analog && pulls[pin].Value == Pull.Up;
+                level = (boardUp & bit) != 0 || pulledUp && (boardDown & bit) == 0;
             }
             levels = level ? levels | bit : levels & ~bit;
             Connections[pin].Set(level);
@@ -171,7 +194,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private IValueRegisterField[] functionsLow;
         private IValueRegisterField[] functionsHigh;
 
-        private readonly uint boardPull;
+        private uint boardUp;
+        private uint boardDown;
 
         private const int Pins = 16;
 

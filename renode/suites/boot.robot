@@ -33,6 +33,27 @@ Power On Is Reported As Power On
     Should Be True    ${hello}[reset_flags] & (1 << 23)
     Should Be Equal    ${hello}[crash_record]    ${None}
 
+Each Start Tells What Holds The Reset Line Of The DACs
+    Power Up Board
+    Advance    300
+    ${hello}=    Connect
+    Should Be Equal    ${hello}[dac_reset_pull]    Down
+    # Without its resistor it follows the controller's own.
+    Reset Emulation
+    Power Up Board
+    Execute Command    gpioPortF BoardDown 0
+    Advance    300
+    ${hello}=    Connect
+    Should Be Equal    ${hello}[dac_reset_pull]    None
+    # The resistor goes to 3.3 V.
+    Reset Emulation
+    Power Up Board
+    Execute Command    gpioPortF BoardDown 0
+    Execute Command    gpioPortF BoardUp 0xD000
+    Advance    300
+    ${hello}=    Connect
+    Should Be Equal    ${hello}[dac_reset_pull]    Up
+
 Time Of The Board Is Time
     Power Up Board
     Advance    300

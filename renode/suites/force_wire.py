@@ -11,6 +11,7 @@ UNITS = 6
 
 COMMANDS = ["Hello", "GetStatus", "GetConfig", "StageConfig", "StageBoard", "GetBoard", "CommitConfig", "Zero", "Arm", "Disarm",
             "Stop", "ClearFaults", "Setpoints", "Stream"]
+PULLS = ["Down", "None", "Up"]
 ERRORS = ["NotConnected", "Version", "State", "Faulted", "UnknownUnit", "UnitNotReady", "Range"]
 
 # Integer fields of a unit's configuration, in the order of declaration; the filter is a variant.
@@ -107,7 +108,8 @@ def _status(r):
     for _ in range(UNITS):
         status["units"].append({
             "state": r.byte(), "fault": r.unsigned(), "fault_detail": r.unsigned(), "samples": r.unsigned(),
-            "missed": r.unsigned(), "spikes": r.unsigned(), "period_us": r.unsigned(), "tension_un": r.signed()})
+            "missed": r.unsigned(), "spikes": r.unsigned(), "period_us": r.unsigned(), "tension_un": r.signed(),
+            "adc_code": r.signed(), "encoder_counts": r.signed()})
     status["tip_force_un"] = [r.signed() for _ in range(3)]
     status["alive_withheld"] = r.byte() != 0
     for name in ("config_crc", "setpoint_age_ms", "frames_dropped", "frames_bad", "bus_recoveries",
@@ -171,6 +173,9 @@ def _reply(r):
         reply["silicon"] = r.unsigned()
         reply["hse"] = r.byte() != 0
         reply["reset_flags"] = r.unsigned()
+        reply["option_bytes"] = r.unsigned()
+        reply["unique_id"] = [r.unsigned() for _ in range(3)]
+        reply["dac_reset_pull"] = PULLS[r.unsigned()]
         reply["crash_record"] = None
         if r.byte():
             reply["crash_record"] = {"code": r.unsigned(), "detail": r.unsigned(), "pc": r.unsigned(),
