@@ -82,9 +82,9 @@ fn each_start_tells_what_holds_the_reset_line_of_the_dacs() {
         (DacResetPull::Up, Pull::Up),
     ] {
         let controls = link.controls().expect("an emulated rig");
-        let injected_now = controls.inject(&Injection::DacResetPull(injected));
+        let injected_now = controls.inject(Injection::DacResetPull(injected));
         injected_now.expect("injected");
-        let dip = controls.inject(&Injection::BrownOut);
+        let dip = controls.inject(Injection::BrownOut);
         dip.expect("injected");
         let mut stand = Stand::connect(&mut link);
         stand.run(0.1);
