@@ -610,22 +610,27 @@ impl Hub {
         if self.commander_tests && self.commander == Some(id) {
             return None;
         }
+        self.changes()
+            .map_or_else(Some, |changes| changes.refusal())
+    }
+
+    /// What has changed since the bring-up of the rig of the service's own file.
+    fn changes(&self) -> Result<Changes, String> {
         let (file, text) = &self.setup.rig_file;
-        let refusal = || -> Result<Option<String>, String> {
-            let rig = Rig::parse(file, text).map_err(|error| error.to_string())?;
+        let read = || -> Result<Changes, Box<dyn std::error::Error>> {
+            let rig = Rig::parse(file, text)?;
             let store = match &self.setup.store {
                 Some(store) => store.clone(),
-                None => Store::of_rig(&rig.name, self.seed).map_err(|error| error.to_string())?,
+                None => Store::of_rig(&rig.name, self.seed)?,
             };
             let number = self.info.as_ref().and_then(BoardInfo::number);
             let number = number.map(|number| number.as_str().to_owned());
-            let changes = Changes::of(&rig, &store, number).map_err(|error| error.to_string())?;
-            Ok(changes.refusal())
+            Ok(Changes::of(&rig, &store, number)?)
         };
-        refusal().unwrap_or_else(|error| {
-            Some(format!(
+        read().map_err(|error| {
+            format!(
                 "whether a part was exchanged since the bring-up can't be read: {error}; nothing was driven"
-            ))
+            )
         })
     }
 

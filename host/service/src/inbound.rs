@@ -56,5 +56,5 @@ pub(super) struct JobReport {
     /// What to answer to whom.
     pub answer: Option<(ClientId, Option<Value>)>,
     /// The result.
-    pub result: Result<Value, String>,
+    pub result: Result<Value, (i64, String)>,
 }

@@ -6,12 +6,15 @@
 use super::client::{Client, ServiceLink};
 use super::connection;
 use super::inbound::{next_id, ClientId, Inbound, JobReport};
-use super::protocol::{ForceParams, Hello, HoldParams};
+use super::protocol::{code, ForceParams, Hello, HoldParams};
 use known::base;
 use known::ZeroStore;
 use rig::Rig;
-use run::{hold_tensions, set_force, NoopObserver, Options, TensionOptions, Zeroing};
+use run::{hold_tensions, set_force, NoopObserver, Options, RunError, TensionOptions, Zeroing};
 use serde_json::{json, Value};
+use session::link::of_board::OfBoard;
+use session::link::RigLink;
+use session::SessionError;
 use std::io;
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::AtomicBool;
@@ -37,6 +40,8 @@ pub(super) struct Order {
     pub name: String,
     /// Name and text of the rig file.
     pub rig_file: (String, String),
+    /// Number of the board that was tested: the service may not know yet which one is there.
+    pub board: Option<String>,
     /// Number of the job, for its client number.
     pub number: u64,
 }
@@ -115,8 +120,12 @@ fn run(
     name: &str,
     stop: &Arc<AtomicBool>,
     holding: &mut dyn FnMut(),
-) -> Result<Value, String> {
-    let words = |error: &dyn std::fmt::Display| error.to_string();
+) -> Result<Value, (i64, String)> {
+    let words = |error: &dyn std::fmt::Display| (code::JOB, error.to_string());
+    let failed = |error: RunError| match error {
+        RunError::Session(SessionError::OtherBoard { .. }) => (code::EXCHANGED, error.to_string()),
+        _ => words(&error),
+    };
     let (file, text) = &order.rig_file;
     let rig = Rig::parse(file, text).map_err(|error| words(&error))?;
     let client =
@@ -124,7 +133,11 @@ fn run(
     let seed = client.welcome().seed;
     let rig = base::with_calibration(rig, seed).map_err(|error| words(&error))?;
     let store = store(&rig, seed);
-    let mut link = ServiceLink::commander(client).map_err(|error| words(&error))?;
+    let link = ServiceLink::commander(client).map_err(|error| words(&error))?;
+    let mut link: Box<dyn RigLink> = match &order.board {
+        Some(number) => Box::new(OfBoard::new(Box::new(link), number.clone())),
+        None => Box::new(link),
+    };
     match &order.kind {
         Kind::Hold(hold) => {
             let options = TensionOptions {
@@ -133,8 +146,9 @@ fn run(
                 zeroing: Zeroing::Keep(store),
                 stop: Arc::clone(stop),
             };
-            let held = hold_tensions(&mut link, &rig, &options, &mut NoopObserver, holding)
-                .map_err(|error| words(&error))?;
+            let link = link.as_mut();
+            let held =
+                hold_tensions(link, &rig, &options, &mut NoopObserver, holding).map_err(failed)?;
             serde_json::to_value(held).map_err(|error| words(&error))
         }
         Kind::SetForce(force) => {
@@ -143,8 +157,8 @@ fn run(
                 stop: Arc::clone(stop),
                 ..Options::new(force.force_n, force.duration_s)
             };
-            let outcome = set_force(&mut link, &rig, &options, &mut NoopObserver)
-                .map_err(|error| words(&error))?;
+            let outcome =
+                set_force(link.as_mut(), &rig, &options, &mut NoopObserver).map_err(failed)?;
             serde_json::to_value(outcome).map_err(|error| words(&error))
         }
     }

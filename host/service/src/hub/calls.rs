@@ -214,9 +214,13 @@ impl Hub {
             let name = self.name_of(other);
             return self.busy(id, number, &name);
         }
-        if let Some(why) = self.exchanged(id) {
-            return self.fail(id, number, code::EXCHANGED, &why);
-        }
+        let board = match self
+            .changes()
+            .map(|changes| (changes.refusal(), changes.board))
+        {
+            Ok((None, board)) => board,
+            Ok((Some(why), _)) | Err(why) => return self.fail(id, number, code::EXCHANGED, &why),
+        };
         self.jobs += 1;
         let order = job::Order {
             kind,
@@ -224,6 +228,7 @@ impl Hub {
             request: number.cloned(),
             name: self.name_of(id),
             rig_file: self.setup.rig_file.clone(),
+            board,
             number: self.jobs,
         };
         match job::start(order, &self.sender) {
@@ -237,7 +242,7 @@ impl Hub {
             self.job.take_if(|job| job.number == report.number);
             let text = match &report.result {
                 Ok(_) => format!("{} has ended", report.name),
-                Err(error) => format!("{} has ended: {error}", report.name),
+                Err((_, error)) => format!("{} has ended: {error}", report.name),
             };
             self.event("job", text, None);
         } else {
@@ -247,8 +252,7 @@ impl Hub {
             self.event("job", format!("{} holds", report.name), None);
         }
         if let Some((id, number)) = report.answer {
-            let result = report.result.map_err(|error| (code::JOB, error));
-            self.answer(id, number.as_ref(), result);
+            self.answer(id, number.as_ref(), report.result);
         }
     }
 
