@@ -275,8 +275,8 @@ fn over_tension_is_cleared_below_the_limit_that_it_passed() {
     }
 }
 
-/// A clear compares what trips, before the filter, and the filtered tension too: neither a pull that
-/// the filter does not show yet nor one that it still shows is cleared.
+/// A clear compares what trips, before the filter, and the filtered tension too: neither a pull
+/// that the filter does not show yet nor one that it still shows is cleared.
 #[test]
 fn over_tension_is_cleared_by_the_tension_before_and_behind_the_filter() {
     for unit in 0..UNITS {
@@ -321,8 +321,9 @@ fn over_tension_is_cleared_by_the_tension_before_and_behind_the_filter() {
     }
 }
 
-/// A pull past 20 N behind a trip at 13 N does not raise the limit of its clear. A converter that has
-/// stopped since then holds no clear up: it begins anew, and the power waits for its unit at rest.
+/// A pull past 20 N behind a trip at 13 N does not raise the limit of its clear. A converter that
+/// has stopped since then holds no clear up: it begins anew, and the power waits for its unit at
+/// rest.
 #[test]
 fn over_tension_is_cleared_by_the_limit_of_the_first_trip_as_long_as_it_is_measured() {
     for unit in 0..UNITS {

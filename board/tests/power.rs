@@ -503,7 +503,8 @@ fn a_zeroing_ends_by_itself_only() {
     }
 }
 
-/// Samples of a reel that gains this speed with each, in counts a sample; whether 0 V has no effect.
+/// Samples of a reel that gains this speed with each, in counts a sample; whether 0 V has no
+/// effect.
 fn spins(bench: &mut Bench, unit: usize, gain: i64, samples: i64) -> bool {
     while !(bench.now.0 / 1_000).is_multiple_of(3) {
         bench.run(1);
@@ -554,9 +555,9 @@ fn a_reel_that_gains_more_than_its_command_gives_takes_the_power() {
     }
 }
 
-/// A reel at 0 V that gains 25 m/s^2 is driven; 16 m/s^2 may be a hand. Where nothing was driven, it is
-/// watched while a zero is measured: other electronics may drive the motors of a board that only
-/// measures.
+/// A reel at 0 V that gains 25 m/s^2 is driven; 16 m/s^2 may be a hand. Where nothing was driven,
+/// it is watched while a zero is measured: other electronics may drive the motors of a board that
+/// only measures.
 #[test]
 fn a_reel_that_no_hand_throws_so_takes_the_power() {
     for unit in 0..UNITS {

@@ -59,8 +59,8 @@ pub const LET_GO_US: u32 = 75_000;
 /// springs of a presliding contact give back 9 mm/s at most (0.9 N over 50 um, 0.5 kg).
 pub const DRIVEN_NM: i32 = 78_125;
 
-/// Gain of speed in two samples, winding in, that no hand gives, in nanometres a nominal sample: 144
-/// mm/s, or 23 m/s^2, for which reel and motor (0.51 kg) take 12 N. An output at the end of its
+/// Gain of speed in two samples, winding in, that no hand gives, in nanometres a nominal sample:
+/// 144 mm/s, or 23 m/s^2, for which reel and motor (0.51 kg) take 12 N. An output at the end of its
 /// range, 17 N, gives 32 m/s^2.
 pub const THROWN_NM: i32 = 450_000;
 

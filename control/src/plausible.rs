@@ -34,9 +34,9 @@
 //! force than its command gives: a robot that comes closer lowers the tension, one that goes away
 //! turns the reel the other way. One that gains more than the whole command would give it without a
 //! cable needs no look at the tension: its output does not follow, so [`Fault::OutputStuck`] takes
-//! all DACs to 0 V by RST, which no word undoes. `Surge` compares the momentum of four samples with the force that
-//! the command can explain. It acts within 10 ms of a jump of the amplifier's gain, before the load
-//! cell's filter has followed.
+//! all DACs to 0 V by RST, which no word undoes. `Surge` compares the momentum of four samples with
+//! the force that the command can explain. It acts within 10 ms of a jump of the amplifier's gain,
+//! before the load cell's filter has followed.
 
 use crate::config::Config;
 use crate::faults::Fault;
@@ -166,8 +166,8 @@ struct Surge {
 
 impl Surge {
     /// Adds a sample: its travel in nanometres, winding in positive, and the net force that the
-    /// command can give in this direction, and the highest recent command. Whether the reel has just
-    /// gained more momentum than that force explains, and whether more than the command does.
+    /// command can give in this direction, and the highest recent command. Whether the reel has
+    /// just gained more momentum than that force explains, and whether more than the command does.
     fn add(&mut self, travel_nm: i32, force: Newton, command: Newton) -> (bool, bool) {
         let (before_nm, _) = self.samples[0];
         self.samples.rotate_left(1);

@@ -163,7 +163,8 @@ impl Machine {
             self.average_zero(pending, fx);
         }
         match doubt {
-            // It pulls by itself, so 0 V from its word is not certain: all DACs by RST, and no power.
+            // It pulls by itself, so 0 V from its word is not certain: all DACs by RST, and no
+            // power.
             Some((Fault::OutputStuck, _)) => {
                 let detail = LetGo::detail(unit, Some(output.tension));
                 self.fault_board_once(Fault::OutputStuck, detail, at, fx);

@@ -85,8 +85,8 @@ pub fn serve(
         let what = what.to_owned();
         move |cause| ServeError::Io { what, cause }
     };
-    // For all threads below: what hears a stop, and what sends setpoints. An emulated board is another
-    // process, which would wait behind them.
+    // For all threads below: what hears a stop, and what sends setpoints. An emulated board is
+    // another process, which would wait behind them.
     if link.controls().is_none() {
         super::stop::hurry();
     }
