@@ -121,7 +121,15 @@ def test_bad_data_are_refused(days, estimator, tmp_path):
         train(tmp_path, MODEL)
 
 
-def test_ctrl_c_ends_an_evaluation(days):
+@pytest.fixture
+def interruptible():
+    # Python has no handler where its caller ignores the signal, as a shell does for a background job.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_ends_an_evaluation(days, interruptible):
     found = forcerig.Estimator.train(days, MODEL, test=[4])
     whole = found.evaluate(days, [1, 2, 3, 4])
     # The exception comes from the call, before or while it computes: nothing of it is left behind.
