@@ -21,13 +21,15 @@ BOARD_STATES = ["boot", "bring-up", "ready", "zeroing", "running", "stopping", "
 UNIT_STATES = ["offline", "bring-up", "ready", "running", "faulted", "zeroing", "stopping"]
 FAULTS = {"E-stop": 1, "setpoints expired": 2, "host stop": 3, "I2C bus stuck": 6, "mux silent": 7,
           "watchdog reset": 8, "configuration damaged": 11, "DAC bus fault": 13,
-          "0 V has no effect": 15, "register changed": 18, "over-tension": 32, "sensor silent": 33,
+          "encoder counter fault": 14, "0 V has no effect": 15, "register changed": 18, "over-tension": 32, "sensor silent": 33,
           "sensor too slow": 34, "sensor too fast": 35, "bring-up failed": 36, "ADC saturated": 37,
           "sensor reads": 41, "encoder stands still": 42}
 I2C1 = 0x40005400
 SPI1 = 0x40013000
 NOMINAL_SCALE_PN = 6_850_000
 NOMINAL_TRAVEL_NM = -4_229
+# What the firmware loads a counter with (board/src/hw/counters.rs).
+COUNTER_BEGIN = 0x555555
 HERE = os.path.dirname(os.path.abspath(__file__))
 
 
@@ -536,10 +538,10 @@ class ForceBoard:
                 raise AssertionError("unit %d: the converter's %d is not among the codes reported: %s" % (unit + 1, code, reported))
 
     def position_should_follow_the_counter(self, unit):
-        """The board's position, cut to 24 bits, is the counter's within what moved since the last sample."""
+        """The board's position, cut to 24 bits, is the counter's way from its begin within what moved since the last sample."""
         counter = int(self.run("counters Counter %s" % unit).strip(), 0)
         position = self.encoder_position(unit)
-        apart = (position - counter + (1 << 23)) % (1 << 24) - (1 << 23)
+        apart = (position - (counter - COUNTER_BEGIN) + (1 << 23)) % (1 << 24) - (1 << 23)
         if abs(apart) > 50:
             raise AssertionError("unit %s: the board is at %d, its counter at %d" % (unit, position, counter))
 
