@@ -200,11 +200,11 @@ faults! {
         meaning: "The converter signals samples, but reading them over I2C failed several times in a row.",
         way_out: "Check SDA, SCL and the module's bus accelerator, then clear: the converter is brought up again.",
         detail: "failed reads in a row";
-    /// The encoder does not count while the tension varies.
+    /// The encoder does not count while tension and command differ.
     EncoderStill = 42, Unit, "encoder stands still",
-        meaning: "The tension varied more than a resting reel allows, and the encoder counted nothing: it is unplugged or broken. Without it the loop has no damping and oscillates, so the motor is at 0 V.",
+        meaning: "Tension and command differed by more than a resting reel holds, and the encoder counted nothing: it is unplugged or broken. Without it the loop has no damping and oscillates, so the motor is at 0 V.",
         way_out: "Check the encoder's plug, supply and counter, then clear and arm.",
-        detail: "swing of the tension in millinewton";
+        detail: "swing of tension less command in millinewton";
     /// The converter repeats its result.
     SensorFrozen = 43, Unit, "sensor frozen",
         meaning: "The converter gave the same code many times in a row, though its noise is hundreds of counts: the result is not a new one, or the bridge is not connected to it.",

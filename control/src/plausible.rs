@@ -96,6 +96,11 @@ const SLIDING_SHIFT: u32 = 3;
 /// trajectories), and the tension then falls.
 pub const SURGE: Newton = Newton::from_un(2_000_000);
 
+/// Samples after a cable was slack in which friction may help a gain of speed, 100 ms. The cable
+/// throws the reel back as it closes; when the reel then winds in again, its contacts give back
+/// what they hold.
+const CLOSED_SAMPLES: u8 = 32;
+
 /// Tension above the setpoint from which a gain of speed counts as a surge.
 const SURGE_ERROR: Newton = Newton::from_un(500_000);
 
@@ -151,6 +156,8 @@ pub struct Watch {
     /// Command of the last sample: what the reel answers in this one.
     last_command: Newton,
     surge: Surge,
+    /// Samples since the cable was slack, up to [`CLOSED_SAMPLES`].
+    closed: u8,
 }
 
 /// The last samples' travel, and the force that explains a gain of speed.
@@ -398,11 +405,17 @@ impl Watch {
             self.surge = Surge::default();
             return None;
         }
-        let force = config
-            .friction
-            .least(self.high)
-            .saturating_sub(output.direct)
-            .max(Newton::ZERO);
+        self.closed = if output.tension < SLACK {
+            0
+        } else {
+            self.closed.saturating_add(1).min(CLOSED_SAMPLES)
+        };
+        let most = if self.closed < CLOSED_SAMPLES {
+            config.friction.most(self.high)
+        } else {
+            config.friction.least(self.high)
+        };
+        let force = most.saturating_sub(output.direct).max(Newton::ZERO);
         let (surged, pulls) = self.surge.add(output.travel_nm, force, self.high);
         if pulls {
             return Some((Fault::OutputStuck, 0));

@@ -188,25 +188,33 @@ impl CheckIn {
 /// Counts within which an encoder counts as standing still: its jitter and half a count of play.
 const STILL_COUNTS: u64 = 2;
 
-/// Swing of the tension that no resting reel allows. A reel that stands holds what friction lets
-/// it: from the command less friction to the command plus friction, which is 2 (0.91 + 0.154 T) =
-/// 5.5 N at 12 N. More than that moves the reel, by 1 mm in 24 N of an elastic cable and so by
-/// dozens of counts.
+/// Swing of tension less command that no resting reel allows. A reel that stands holds what
+/// friction lets it: from 0.91 + 0.154 T below the command to as much above, which is 5.5 N at 12
+/// N. More than that moves the reel, by 1 mm in 24 N of an elastic cable and so by dozens of
+/// counts. The tension alone says nothing: with a robot that moves away while the command rises it
+/// goes from 0 to 12 N, and the reel rests.
 pub const STILL_SWING: Newton = Newton::from_un(6_000_000);
 
 /// Samples for which the swing has to stand, 25 ms: a cable that something pulls is over-tension
 /// before that.
 const STILL_SAMPLES: u8 = 8;
 
-/// Watches an encoder by what the tension does: one that stands still while the tension swings
-/// further than a resting reel allows is unplugged or broken. Without it the loop has neither
-/// damping nor direction estimate and oscillates between slack and limit.
+/// Samples behind a spike that are not compared, 12.5 ms: the settling time of the converter's
+/// filter. A cable that closes jumps as a spike does, and the command answers before the tension
+/// is seen.
+const SETTLING_SAMPLES: u8 = 4;
+
+/// Watches an encoder by what the tension does: one that stands still while tension and command
+/// differ further than a resting reel allows is unplugged or broken. Without it the loop has
+/// neither damping nor direction estimate and oscillates between slack and limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct EncoderWatch {
     still: Option<Still>,
+    /// Samples until the tension is that of the cable again.
+    settles: u8,
 }
 
-/// Where the encoder stands, and how far the tension has been since.
+/// Where the encoder stands, and what the reel must have held since.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Still {
     at: EncoderCounts,
@@ -216,37 +224,34 @@ struct Still {
 }
 
 impl EncoderWatch {
-    /// One sample of a unit whose motor acts (`drives`) or not. The swing, when it is more than the
-    /// reel could have held.
-    pub fn observe(
-        &mut self,
-        drives: bool,
-        counts: EncoderCounts,
-        tension: Newton,
-    ) -> Option<Newton> {
-        if !drives {
-            self.still = None;
+    /// One sample of a unit whose motor acts, with what its reel holds if it rests: the tension less
+    /// the command. `spike`: the tension is an earlier one. The swing, when it is more than a reel
+    /// can hold.
+    pub fn observe(&mut self, counts: EncoderCounts, held: Newton, spike: bool) -> Option<Newton> {
+        self.settles = if spike {
+            SETTLING_SAMPLES
+        } else {
+            self.settles.saturating_sub(1)
+        };
+        // Not one that was elsewhere while the tension settled.
+        self.still = self
+            .still
+            .filter(|still| still.at.0.abs_diff(counts.0) <= STILL_COUNTS);
+        if self.settles > 0 {
             return None;
         }
-        let fresh = Still {
+        let still = self.still.get_or_insert(Still {
             at: counts,
-            low: tension,
-            high: tension,
+            low: held,
+            high: held,
             beyond: 0,
-        };
-        let mut still = match self.still {
-            Some(still) if still.at.0.abs_diff(counts.0) <= STILL_COUNTS => Still {
-                low: still.low.min(tension),
-                high: still.high.max(tension),
-                ..still
-            },
-            _ => fresh,
-        };
+        });
+        still.low = still.low.min(held);
+        still.high = still.high.max(held);
         let swing = still.high.saturating_sub(still.low);
         if swing > STILL_SWING {
             still.beyond = still.beyond.saturating_add(1);
         }
-        self.still = Some(still);
         (still.beyond >= STILL_SAMPLES).then_some(swing)
     }
 }

@@ -685,34 +685,38 @@ fn geometry_follows_the_thesis() {
 }
 
 #[test]
-fn an_encoder_that_stands_while_the_tension_swings_is_found() {
-    let newton = |n: f64| control::Newton::from_un((n * 1e6) as i32);
+fn an_encoder_that_stands_while_the_tension_leaves_the_command_is_found() {
+    let held = |n: f64| control::Newton::from_un((n * 1e6) as i32);
     let counts = |n: i64| control::EncoderCounts(n);
-    // A resting reel: the tip moves, the tension stays within twice the friction.
+    // A resting reel: tension less command stays within twice the friction.
     let mut watch = EncoderWatch::default();
-    for tension in [3.0, 5.4, 0.6, 5.4] {
-        assert_eq!(watch.observe(true, counts(100), newton(tension)), None);
+    for force in [0.0, 2.4, -2.4, 2.4] {
+        assert_eq!(watch.observe(counts(100), held(force), false), None);
     }
     // A reel that follows a large swing.
     let mut watch = EncoderWatch::default();
-    for (at, tension) in [(0, 1.0), (30, 4.0), (60, 8.0), (90, 11.0), (0, 0.5)] {
-        assert_eq!(watch.observe(true, counts(at), newton(tension)), None);
+    for (at, force) in [(0, -7.0), (30, -4.0), (60, 0.0), (90, 3.0), (0, -7.5)] {
+        assert_eq!(watch.observe(counts(at), held(force), false), None);
     }
     // Jitter of a count is no motion.
     let mut watch = EncoderWatch::default();
-    assert_eq!(watch.observe(true, counts(7), newton(0.5)), None);
-    assert_eq!(watch.observe(true, counts(8), newton(4.0)), None);
+    assert_eq!(watch.observe(counts(7), held(-3.0), false), None);
+    assert_eq!(watch.observe(counts(8), held(0.5), false), None);
     let mut swing = None;
     for sample in 0..8 {
         assert_eq!(swing, None, "after {sample} samples");
-        swing = watch.observe(true, counts(7), newton(7.5));
+        swing = watch.observe(counts(7), held(4.0), false);
     }
     assert_eq!(swing.map(|s| s.to_un()), Some(7_000_000));
-    // An inactive motor is no evidence about its encoder.
+    // A tension that is held back as a spike is no tension, nor are the next ones.
     let mut watch = EncoderWatch::default();
-    assert_eq!(watch.observe(false, counts(0), newton(0.0)), None);
-    assert_eq!(watch.observe(false, counts(0), newton(20.0)), None);
-    assert_eq!(watch.observe(true, counts(0), newton(20.0)), None);
+    assert_eq!(watch.observe(counts(7), held(0.0), false), None);
+    for spike in [true, false, false, false] {
+        assert_eq!(watch.observe(counts(7), held(-9.0), spike), None);
+    }
+    for _ in 0..20 {
+        assert_eq!(watch.observe(counts(7), held(-2.0), false), None);
+    }
 }
 
 /// A bit of the memory may make any number of a unit's travel before the check of the configuration

@@ -2,6 +2,7 @@
 
 use super::{Effects, Machine};
 use control::let_go::{LetGo, Released};
+use control::supervisor::EncoderWatch;
 use control::unit::{Controller, Drive};
 use control::zero::Progress;
 use control::{
@@ -133,12 +134,17 @@ impl Machine {
             slot.spikes = slot.spikes.wrapping_add(1);
         }
         let drives = pending.drive != Drive::Off;
-        let swing = slot
-            .encoder
-            .observe(drives, pending.encoder_counts, output.tension);
         let doubt = slot
             .plausible
             .sample(&slot.config, pending.drive, pending.adc_code, &output);
+        let swing = if drives {
+            let held = output.tension.saturating_sub(output.command);
+            let spike = output.flags & flags::SPIKE != 0;
+            slot.encoder.observe(pending.encoder_counts, held, spike)
+        } else {
+            slot.encoder = EncoderWatch::default();
+            None
+        };
         // A sample that found a fault has switched its motor off already.
         if drives && output.fault.is_none() {
             let least = slot.config.least_tension(output.command);

@@ -18,12 +18,14 @@
 //! | [`campaign`] | many cases: parallel, in shards, resumed, merged |
 //! | [`table`] | the summary |
 //! | [`full_output`] | what an output that jumps to the end of its range does, by the amplifier's current limit |
+//! | [`healthy`] | how often does a rig fault in which nothing is broken |
 //! | [`random`] | numbers from a seed |
 
 pub mod campaign;
 pub mod case;
 pub mod expected;
 pub mod full_output;
+pub mod healthy;
 pub mod host;
 pub mod injection;
 pub mod outcome;

@@ -5,6 +5,7 @@ use faults::campaign::{read, Campaign, CURRENT_LIMIT_A};
 use faults::case::{self, Bases, EXPECTED_N};
 use faults::expected;
 use faults::full_output;
+use faults::healthy;
 use faults::injection::Plan;
 use faults::table;
 use std::collections::BTreeMap;
@@ -45,6 +46,9 @@ struct Options {
     /// amplifiers.
     #[arg(long)]
     full_output: bool,
+    /// Only so many rigs in which nothing is broken, each armed four times: false alarms.
+    #[arg(long, value_name = "N")]
+    healthy: Option<u64>,
     /// The table without the list of hazards.
     #[arg(long)]
     quiet: bool,
@@ -78,6 +82,16 @@ fn run(options: Options) -> Result<ExitCode, String> {
     if options.full_output {
         print!("{}", full_output::table(options.seed));
         return Ok(ExitCode::SUCCESS);
+    }
+    if let Some(rigs) = options.healthy {
+        let found = healthy::run(
+            campaign.seed,
+            0..rigs,
+            campaign.current_limit_a,
+            campaign.jobs,
+        );
+        print!("{}", healthy::table(campaign.seed, rigs, &found));
+        return Ok(evaluation::exit_code(!found.alarms.is_empty()));
     }
     if options.check {
         return Ok(check_quickly(campaign));

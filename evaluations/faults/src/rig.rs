@@ -48,7 +48,16 @@ impl Rig {
         let mut config = PlantConfig::default();
         config.cable.initial_slack_m = slack_m;
         config.amplifier.current_limit_a = current_limit_a;
-        let plant = Plant::new(config, seed).expect("the default is valid");
+        Self::of(config, seed, hold_n)
+    }
+
+    /// A rig of this plant at power-on.
+    ///
+    /// # Panics
+    /// Where there can be none.
+    #[must_use]
+    pub fn of(config: PlantConfig, seed: u64, hold_n: [f64; UNITS]) -> Self {
+        let plant = Plant::new(config, seed).expect("a valid plant");
         let random = Random::stream(seed, 0xFA);
         let mut rig = Self {
             core: CoreRig::with_plant(plant, seed).expect("six units"),
@@ -189,6 +198,25 @@ impl Rig {
             Step::Wait(600),
         ];
         self.host.plan(once.clone().into_iter().chain(once));
+    }
+
+    /// Whether the robot moves, and the board is told so.
+    pub fn move_robot(&mut self, moves: bool) {
+        self.core.set_robot_moving(moves);
+    }
+
+    /// The host disarms and arms again, with the zeros that there are.
+    pub fn arm_again(&mut self) {
+        let [arm, hold, wait] = self.after_ready();
+        self.host.plan([
+            Step::Hold(None),
+            Step::Must(Command::Disarm),
+            Step::Wait(600),
+            Step::Ready(BRING_UP_MS),
+            arm,
+            hold,
+            wait,
+        ]);
     }
 
     /// The host disarms, switches a unit off and on again, and arms. It takes no zeros: friction of

@@ -156,7 +156,8 @@ pub fn drawn(outcomes: &Outcomes, current_limit_a: f64) -> String {
 
 /// The mean number of events whose count is this or less in one of twenty campaigns (Poisson;
 /// Garwood's upper limit).
-fn upper_bound(found: usize) -> f64 {
+#[must_use]
+pub fn upper_bound(found: usize) -> f64 {
     let degrees = 2.0 * (found as f64 + 1.0);
     let chi_squared = ChiSquared::new(degrees).expect("degrees of freedom above zero");
     0.5 * chi_squared.inverse_cdf(0.95)
