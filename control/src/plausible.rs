@@ -125,6 +125,12 @@ pub const SLACK_SAMPLES: u8 = 32;
 /// there in 35 ms, before a reel whose encoder stands still is fast.
 pub const SLACK_IMPULSE: Newton = Newton::from_un(6_000_000);
 
+/// Travel of a sample with which a reel stands, in nanometres: 2 mm/s, or a count and a half.
+const STANDS_NM: i32 = 2 * SLIDING_NM;
+
+/// Samples with less travel after which a reel stands, whatever it did before.
+const STANDS_SAMPLES: u8 = 2;
+
 /// How fast the command's envelopes follow it, 1/8 a sample (25 ms): the measured tension follows
 /// the command by the converter's 6 ms, the filter's 2 ms and a quarter of the cable's swing, 7 ms.
 const ENVELOPE_SHIFT: u32 = 3;
@@ -149,6 +155,8 @@ pub struct Watch {
     sliding_below: Difference,
     sliding_above: Difference,
     slack: u8,
+    /// Samples in a row in which the reel moved by less than [`STANDS_NM`].
+    stands: u8,
     /// The cable has been tight since the motor acts.
     tight: bool,
     /// What the command would tighten a cable by that has not been tight yet.
@@ -379,11 +387,14 @@ impl Watch {
         self.last_command = output.command;
         let rests = (self.sliding_nm_x8 >> SLIDING_SHIFT).abs() < SLIDING_NM;
         let would = SLACK.saturating_add(SLACK);
-        let slack = drive == Drive::Follow && rests && output.tension < SLACK;
-        self.slack = count(self.slack, slack && least > would);
+        // The mean knows it 35 ms later: an encoder that stops with a fast reel leaves no brake.
+        self.stands = count(self.stands, output.travel_nm.abs() < STANDS_NM);
+        let stands = rests || self.stands >= STANDS_SAMPLES;
+        let slack = drive == Drive::Follow && output.tension < SLACK;
+        self.slack = count(self.slack, slack && rests && least > would);
         self.tight |= output.tension >= SLACK;
         // One that was tight has let go, or swings: the encoder's own watch says which.
-        let excess = if slack && !self.tight {
+        let excess = if slack && stands && !self.tight {
             now.saturating_sub(would)
         } else {
             Newton::ZERO
