@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 10;
+pub const LINK_VERSION: u32 = 11;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -138,6 +138,9 @@ pub enum Injection {
     FreeRun(bool),
     /// The six conversions that settle after a start come with DRDY (`true`). Sources differ.
     ReportUnsettled(bool),
+    /// Converters show their revision after PUA only, and calibrate only once they have run for as
+    /// long as published drivers let them (`true`).
+    StartSlowly(bool),
     /// The next so many rising edges of a unit's DRDY line do not reach the controller.
     LoseDrdy(u8, u8),
     /// The ST-Link's clock stops (`true`), or comes back for the next start. The clock security
@@ -316,7 +319,7 @@ pub struct Report {
     /// the order they happened. At 1,920 a second, ask at least every two minutes: only the latest
     /// 262,144 are kept.
     pub latencies: Vec<Latency>,
-    /// Conversions that became ready, per unit.
+    /// Conversions that became ready on a calibration, per unit.
     pub conversions: [u64; UNITS],
     /// Conversions that were read out whole before the next one was ready, per unit.
     pub conversions_read: [u64; UNITS],

@@ -101,6 +101,11 @@ impl Board {
                     converter.defects().reports_unsettled = on;
                 }
             }
+            Injection::StartSlowly(on) => {
+                for converter in &mut self.converters {
+                    converter.defects().starts_slowly = on;
+                }
+            }
             Injection::StuckDac(number, on) => self.dacs[unit(number)?].set_stuck(on),
             Injection::HoldSda(on) => {
                 self.sda_held = on;

@@ -38,6 +38,7 @@ impl Nau7802 {
             }
             // Behind 0x15 is the OTP while RD_OTP_SEL is set; its content is not public.
             reg::ADC if self.registers[usize::from(reg::PGA)] & bit::RD_OTP_SEL != 0 => 0xFF,
+            reg::REVISION if self.defects.starts_slowly && self.registers[0] & bit::PUA == 0 => 0,
             reg::REVISION if self.defects.revision => 0x0E,
             reg::REVISION if self.powered_up && t_ns >= self.revision_at => 0x0F,
             reg::REVISION => 0,
@@ -87,6 +88,9 @@ impl Nau7802 {
                     self.ready_at = Some(ready);
                     self.revision_at = ready + (1e6 * self.rng.uniform()) as u64;
                 }
+                if value & !before[0] & bit::PUA != 0 {
+                    self.analog_at = t_ns + TRDY_NS + (5e9 / self.rate()) as u64;
+                }
                 let cs = if self.defects.free_runs { 0 } else { bit::CS };
                 let relevant = bit::PUD | bit::PUA | cs | bit::AVDDS;
                 if (value ^ before[0]) & relevant != 0 {
@@ -117,7 +121,9 @@ impl Nau7802 {
                 if value & bit::CALS != 0 && !busy {
                     let length = CALIBRATION_NS / (1.0 + self.clock_error);
                     self.calibrating = Some((t_ns + length as u64, value & 3));
-                    self.calibration_spoilt = !self.analog_on();
+                    let early = t_ns < self.analog_at || self.to_flush > 0;
+                    self.calibration_spoilt =
+                        !self.analog_on() || self.defects.starts_slowly && early;
                     self.registers[at] |= bit::CALS;
                     self.next_conversion = None;
                     self.ready = false;
