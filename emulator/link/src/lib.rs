@@ -213,6 +213,9 @@ pub enum Injection {
     CellShare(u8, f64),
     /// Noise at a unit's load cell beside the converter's own, V/V, one standard deviation.
     CellNoise(u8, f64),
+    /// A tone at a unit's load cell as its converter's filter gives it: amplitude, V/V, frequency,
+    /// Hz.
+    CellTone(u8, f64, f64),
     /// The DRDY wire of a unit is open (`true`): the controller sees it low.
     CutDrdy(u8, bool),
     /// Brown-out level in the option bytes from the next start on, 0 to 3.

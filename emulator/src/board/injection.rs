@@ -234,6 +234,15 @@ impl Board {
                 }
                 self.converters[unit].defects().noise = sd_v_per_v;
             }
+            Injection::CellTone(number, amplitude, hz) => {
+                let unit = unit(number)?;
+                if !(amplitude.is_finite() && hz.is_finite()) {
+                    return Err(format!(
+                        "a tone of {amplitude} V/V at {hz} Hz is not possible"
+                    ));
+                }
+                self.converters[unit].defects().tone = (amplitude, hz);
+            }
             Injection::CutDrdy(number, on) => self.drdy_cut[unit(number)?] = on,
             Injection::BrownOutLevel(level) => {
                 if level > 3 {

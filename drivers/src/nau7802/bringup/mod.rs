@@ -296,12 +296,9 @@ impl Bringup {
             Stage::VerifyPga => self.verify(byte, config.pga().bits(), 0xF9, Stage::VerifyPower),
             Stage::VerifyPower => self.verify(byte, config.power().bits(), 0xFF, Stage::VerifyAdc),
             // Bits 7:6: whether the fast-read enable reads back is not documented.
-            Stage::VerifyAdc => self.verify(
-                byte,
-                config.adc().bits(),
-                0x3F,
-                Stage::CalibrationStart,
-            ),
+            Stage::VerifyAdc => {
+                self.verify(byte, config.adc().bits(), 0x3F, Stage::CalibrationStart)
+            }
             _ => self.fail(Cause::UnexpectedEvent),
         }
     }

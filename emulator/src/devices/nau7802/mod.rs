@@ -33,6 +33,7 @@ use super::Complaints;
 use crate::rng::Rng;
 use conversion::*;
 use register_map::{bit, reg, reset_values, REGISTERS};
+use std::f64::consts::TAU;
 
 /// I2C address, fixed in the chip.
 pub const ADDRESS: u8 = 0x2A;
@@ -81,6 +82,8 @@ pub struct Defects {
     pub spike: f64,
     /// Noise beside the chip's own, V/V SD.
     pub noise: f64,
+    /// A tone that is added to the signal: amplitude at the filter's output, V/V, and frequency, Hz.
+    pub tone: (f64, f64),
 }
 
 impl Defects {
@@ -105,7 +108,13 @@ impl Defects {
         } else {
             0.0
         };
-        self.wired(signal) * (1.0 - self.lost_share) + self.offset + self.drift * seconds + spike
+        let (amplitude, hz) = self.tone;
+        let tone = match amplitude {
+            0.0 => 0.0,
+            _ => amplitude * (TAU * hz * (t_ns as f64 * 1e-9)).sin(),
+        };
+        let signal = self.wired(signal) * (1.0 - self.lost_share);
+        signal + self.offset + self.drift * seconds + spike + tone
     }
 }
 
