@@ -230,9 +230,7 @@ pub fn describe(injection: &Injection) -> Option<String> {
         Injection::CutDrdy(unit, true) => format!("cut-drdy={unit}"),
         Injection::CellShare(unit, share) => format!("cell-share={unit}:{share}"),
         Injection::CellNoise(unit, sd) => format!("cell-noise={unit}:{sd}"),
-        Injection::CellTone(unit, amplitude, hz) if hz == MAINS_HZ => {
-            format!("cell-hum={unit}:{amplitude}")
-        }
+        Injection::CellTone(unit, amplitude, _) => format!("cell-hum={unit}:{amplitude}"),
         Injection::BypassRelay(unit, true) => format!("bypass-relay={unit}"),
         Injection::BridgeRelay(true) => "bridge-relay".to_owned(),
         Injection::InvertRelay(true) => "invert-relay".to_owned(),
