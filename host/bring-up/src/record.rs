@@ -24,7 +24,7 @@ use wire::UNITS;
 pub const SCHEMA: u32 = 2;
 
 /// What a bring-up is of. Empty: not known.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Identity {
     /// The controller's own number (`wire::message::BoardInfo::number`).
     pub board: String,
