@@ -304,11 +304,16 @@ fn a_command_that_moves_nothing_is_a_fault() {
         .map(|share| f64::from(share) / 65_536.0);
     let [offset, coulomb] =
         [config.friction_offset_un, config.coulomb_un].map(|force| f64::from(force) * 1e-6);
-    let holds_n = |tension: f64, share: f64| {
-        (tension + share * coulomb - offset) / (gain - share * per_load)
-    };
-    println!("a reel as configured turns from {:.2} N on", holds_n(0.0, 1.0));
-    println!("one with 1.3 times its friction holds 0.5 N up to {:.2} N", holds_n(0.5, 1.3));
+    let holds_n =
+        |tension: f64, share: f64| (tension + share * coulomb - offset) / (gain - share * per_load);
+    println!(
+        "a reel as configured turns from {:.2} N on",
+        holds_n(0.0, 1.0)
+    );
+    println!(
+        "one with 1.3 times its friction holds 0.5 N up to {:.2} N",
+        holds_n(0.5, 1.3)
+    );
     let from = |within_ms: f64| {
         let commands = (0..=400).map(|step| f64::from(step) * 0.01);
         commands.fold(None, |from, command_n| {

@@ -187,29 +187,9 @@ fn converters(converters: &[Option<ConverterFigures>; UNITS], found: &mut Vec<Na
                 told("with these repetitions"),
             ));
         }
-        let amplitude_n = converter.tone_n;
-        let mut noise_n = converter.noise_n;
-        if amplitude_n > TONE_N {
-            let hz = converter.tone_hz;
-            found.push(certain(
-                Mistake::Tone {
-                    unit,
-                    hz,
-                    amplitude_n,
-                },
-                told("slack cables"),
-            ));
-            // What it leaves of the noise.
-            noise_n = (noise_n.powi(2) - 0.5 * amplitude_n.powi(2))
-                .max(0.0)
-                .sqrt();
-        }
-        if noise_n > NOISE_N {
-            found.push(certain(
-                Mistake::Noise { unit, noise_n },
-                told("slack cables"),
-            ));
-        }
+        let (samples, seconds) = (converter.samples, converter.seconds);
+        let told = format!("{samples} samples in {seconds:.1} s, slack cables");
+        noise(unit, converter, told, found);
     }
     // A converter at fault explains it.
     let recoveries = measured().map(|(_, converter)| converter.recoveries).max();
@@ -219,6 +199,27 @@ fn converters(converters: &[Option<ConverterFigures>; UNITS], found: &mut Vec<Na
             Mistake::BusRecoveries { recoveries },
             "the board's count while nothing moved",
         ));
+    }
+}
+
+/// Names what disturbs the signal of a cell at rest.
+fn noise(unit: u8, converter: &ConverterFigures, told: String, found: &mut Vec<Named>) {
+    let (hz, amplitude_n) = (converter.tone_hz, converter.tone_n);
+    let mut noise_n = converter.noise_n;
+    if amplitude_n > TONE_N {
+        let tone = Mistake::Tone {
+            unit,
+            hz,
+            amplitude_n,
+        };
+        found.push(certain(tone, told.clone()));
+        // What it leaves of the noise.
+        noise_n = (noise_n.powi(2) - 0.5 * amplitude_n.powi(2))
+            .max(0.0)
+            .sqrt();
+    }
+    if noise_n > NOISE_N {
+        found.push(certain(Mistake::Noise { unit, noise_n }, told));
     }
 }
 

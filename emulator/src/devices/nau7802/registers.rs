@@ -64,39 +64,7 @@ impl Nau7802 {
             return;
         }
         match address {
-            reg::PU_CTRL => {
-                let value = value & !(bit::CR | bit::PUR);
-                if value & bit::RR != 0 {
-                    self.registers = reset_values();
-                    self.registers[0] = bit::RR;
-                    self.ready_at = None;
-                    self.powered_up = false;
-                    self.calibrating = None;
-                    self.calibrated = false;
-                    self.next_conversion = None;
-                    self.ready = false;
-                    return;
-                }
-                self.registers[0] = value;
-                if value & bit::PUD == 0 {
-                    self.ready_at = None;
-                    self.powered_up = false;
-                    self.ready = false;
-                } else if before[0] & bit::PUD == 0 {
-                    let ready =
-                        t_ns + (POWER_UP_NS * (1.0 + 0.1 * self.rng.uniform_signed())) as u64;
-                    self.ready_at = Some(ready);
-                    self.revision_at = ready + (1e6 * self.rng.uniform()) as u64;
-                }
-                if value & !before[0] & bit::PUA != 0 {
-                    self.analog_at = t_ns + TRDY_NS + (5e9 / self.rate()) as u64;
-                }
-                let cs = if self.defects.free_runs { 0 } else { bit::CS };
-                let relevant = bit::PUD | bit::PUA | cs | bit::AVDDS;
-                if (value ^ before[0]) & relevant != 0 {
-                    self.restart(t_ns);
-                }
-            }
+            reg::PU_CTRL => self.write_power_control(value, t_ns),
             reg::CTRL1 => {
                 self.registers[at] = value;
                 if value & bit::DRDY_SEL != 0 {
@@ -154,6 +122,40 @@ impl Nau7802 {
                 &self.name,
                 format!("write to unknown register {address:#04x}"),
             ),
+        }
+    }
+
+    fn write_power_control(&mut self, value: u8, t_ns: u64) {
+        let before = self.registers[0];
+        let value = value & !(bit::CR | bit::PUR);
+        if value & bit::RR != 0 {
+            self.registers = reset_values();
+            self.registers[0] = bit::RR;
+            self.ready_at = None;
+            self.powered_up = false;
+            self.calibrating = None;
+            self.calibrated = false;
+            self.next_conversion = None;
+            self.ready = false;
+            return;
+        }
+        self.registers[0] = value;
+        if value & bit::PUD == 0 {
+            self.ready_at = None;
+            self.powered_up = false;
+            self.ready = false;
+        } else if before & bit::PUD == 0 {
+            let ready = t_ns + (POWER_UP_NS * (1.0 + 0.1 * self.rng.uniform_signed())) as u64;
+            self.ready_at = Some(ready);
+            self.revision_at = ready + (1e6 * self.rng.uniform()) as u64;
+        }
+        if value & !before & bit::PUA != 0 {
+            self.analog_at = t_ns + TRDY_NS + (5e9 / self.rate()) as u64;
+        }
+        let cs = if self.defects.free_runs { 0 } else { bit::CS };
+        let relevant = bit::PUD | bit::PUA | cs | bit::AVDDS;
+        if (value ^ before) & relevant != 0 {
+            self.restart(t_ns);
         }
     }
 }
