@@ -515,16 +515,16 @@ mod tests {
             }
             record
         };
-        type Change = (&'static str, fn(&mut rig::UnitSettings));
-        let drive: [Change; 5] = [
+        type Edit = (&'static str, fn(&mut rig::UnitSettings));
+        let drive: [Edit; 5] = [
             ("dac_codes_per_n", |unit| unit.dac_codes_per_n *= 2.0),
             ("friction_offset_n", |unit| unit.friction_offset_n += 0.1),
             ("friction_gain", |unit| unit.friction_gain *= 0.9),
             ("coulomb_n", |unit| unit.coulomb_n *= 1.1),
             ("coulomb_per_n", |unit| unit.coulomb_per_n += 0.01),
         ];
-        let cell: Change = ("scale_n_per_count", |unit| unit.scale_n_per_count *= -1.0);
-        let reel: Change = ("travel_m_per_count", |unit| unit.travel_m_per_count *= -1.0);
+        let cell: Edit = ("scale_n_per_count", |unit| unit.scale_n_per_count *= -1.0);
+        let reel: Edit = ("travel_m_per_count", |unit| unit.travel_m_per_count *= -1.0);
         let all = [cell, reel].into_iter().chain(drive);
         for (key, change) in all {
             let mut other = rig.clone();
