@@ -1,5 +1,5 @@
-//! Our bring-up of a NAU7802 on the model of the chip, in every variant of it that drivers which work
-//! on silicon allow for.
+//! Our bring-up of a NAU7802 on the model of the chip, in every variant of it that drivers which
+//! work on silicon allow for.
 
 use drivers::nau7802::{Action, Bringup, Config, Event, Rate, SequenceError};
 use emulator::devices::nau7802::Nau7802;

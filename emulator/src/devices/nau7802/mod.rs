@@ -63,8 +63,8 @@ pub struct Defects {
     /// ready results away.
     pub reports_unsettled: bool,
     /// Another variant, of what drivers that work wait for: the revision reads 0 without PUA, and a
-    /// calibration fails that begins less than TRDY (five samples and 100 ms at the rate that was in
-    /// force) after PUA, or before ten results have come since the last change.
+    /// calibration fails that begins less than TRDY (five samples and 100 ms at the rate that was
+    /// in force) after PUA, or before ten results have come since the last change.
     pub starts_slowly: bool,
     /// One conversion in so many becomes ready; 0 and 1: each.
     pub one_in: u64,
@@ -82,7 +82,7 @@ pub struct Defects {
     pub spike: f64,
     /// Noise beside the chip's own, V/V SD.
     pub noise: f64,
-    /// A tone that is added to the signal: amplitude at the filter's output, V/V, and frequency, Hz.
+    /// A tone that is added to the signal: amplitude at the filter's output, V/V, frequency, Hz.
     pub tone: (f64, f64),
 }
 
