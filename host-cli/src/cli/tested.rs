@@ -14,8 +14,9 @@ fn changes(rig: &Rig, seed: Option<u64>, board: Option<String>) -> Result<Change
 
 /// Refuses a rig of which a part was exchanged since its bring-up, or a setting that it judged by
 /// was changed; warns where its rig file has other changes. A rig without a bring-up passes. `rig`:
-/// as its file has it, without a calibration. `seed`: that of an emulated rig. `board`: the number of its board, where it is known already.
-/// The number of the board that was tested: who opens a link has to find it there.
+/// as its file has it, without a calibration. `seed`: that of an emulated rig. `board`: the number
+/// of its board, where it is known already. The number of the board that was tested: who opens a
+/// link has to find it there.
 pub fn require(
     rig: &Rig,
     seed: Option<u64>,
