@@ -206,8 +206,8 @@ mod tests {
             let row = text
                 .lines()
                 .map(|line| line.split_whitespace().collect::<Vec<_>>());
-            let row = row.filter(|words| words.first() == Some(&number.as_str()));
-            let row = row.last().expect("a row");
+            let mut row = row.filter(|words| words.first() == Some(&number.as_str()));
+            let row = row.next_back().expect("a row");
             let (code, counts) = (70_000 + i, -4_000 + 1_000 * i as i32);
             let expected = [
                 "5".to_owned(),
