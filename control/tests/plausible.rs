@@ -273,3 +273,61 @@ fn a_cable_that_was_tight_is_not_being_taken_up() {
         assert_eq!(early, None, "{command_n} N");
     }
 }
+
+/// How long a command of this size lasts until a slack cable whose reel does not move is a fault,
+/// ms; `None`: it is none within half a second.
+fn still_ms(command_n: f64) -> Option<f64> {
+    let config = Config::nominal();
+    let wire = Config::from_wire(&config).unwrap();
+    let mut watch = Watch::default();
+    for sample in 0..160 {
+        let output = Output {
+            command: Newton::from_un((command_n * 1e6) as i32),
+            setpoint: Newton::from_un(3_000_000),
+            ..Output::default()
+        };
+        let code = AdcCode::new(1_000 * sample);
+        if let Some((fault, _)) = watch.sample(&wire, Drive::Follow, code, &output) {
+            assert_eq!(fault, Fault::Implausible);
+            return Some(f64::from(sample) * 1e3 * SAMPLE_S);
+        }
+    }
+    None
+}
+
+/// 50 ms, where a sound reel can't rest. Friction of 1.3 times the configured one, which a bring-up
+/// lets pass, and 0.5 N of a cable that counts as slack hold up to 1.9 N.
+#[test]
+fn a_command_that_moves_nothing_is_a_fault() {
+    let config = Config::nominal();
+    let [gain, per_load] = [config.friction_gain_q16, config.coulomb_load_q16]
+        .map(|share| f64::from(share) / 65_536.0);
+    let [offset, coulomb] =
+        [config.friction_offset_un, config.coulomb_un].map(|force| f64::from(force) * 1e-6);
+    let holds_n =
+        |tension: f64, share: f64| (tension + share * coulomb - offset) / (gain - share * per_load);
+    println!(
+        "a reel as configured turns from {:.2} N on",
+        holds_n(0.0, 1.0)
+    );
+    println!(
+        "one with 1.3 times its friction holds 0.5 N up to {:.2} N",
+        holds_n(0.5, 1.3)
+    );
+    let from = |within_ms: f64| {
+        let commands = (0..=400).map(|step| f64::from(step) * 0.01);
+        commands.fold(None, |from, command_n| {
+            match still_ms(command_n).filter(|ms| *ms <= within_ms) {
+                Some(_) => from.or(Some(command_n)),
+                None => None,
+            }
+        })
+    };
+    let (soon_n, late_n) = (from(50.0).unwrap(), from(500.0).unwrap());
+    println!("a fault within 50 ms from {soon_n:.2} N on, at all from {late_n:.2} N on");
+    for command_n in [late_n, 0.5 * (late_n + soon_n), soon_n, 4.0] {
+        println!("{command_n:.2} N: {:?} ms", still_ms(command_n));
+    }
+    assert!(late_n > holds_n(0.5, 1.3), "a sound reel may rest there");
+    assert!(soon_n < 2.5 && late_n < 2.1, "{soon_n} {late_n}");
+}

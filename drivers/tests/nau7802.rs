@@ -30,7 +30,6 @@ fn rd(register: u8, answer: &[u8]) -> Transaction {
 
 fn calibration() -> Vec<Transaction> {
     vec![
-        wr(&[0x00, 0xBE]),
         wr(&[0x02, 0x74]),
         rd(0x02, &[0x74]),
         rd(0x02, &[0x70]),
@@ -39,23 +38,34 @@ fn calibration() -> Vec<Transaction> {
     ]
 }
 
-fn configuration(ctrl1: u8, ctrl2: u8) -> Vec<Transaction> {
-    vec![
+fn configuration(ctrl1: u8, ctrl2: u8, revisions: &[u8]) -> Vec<Transaction> {
+    let mut all = vec![
         wr(&[0x01, ctrl1]),
-        wr(&[0x00, 0xAE]),
         wr(&[0x02, ctrl2]),
         wr(&[0x11, 0x00]),
         wr(&[0x1B, 0x00]),
         wr(&[0x1C, 0x80]),
         wr(&[0x15, 0x30]),
-        rd(0x00, &[0x8E]),
+        wr(&[0x00, 0xAE]),
+    ];
+    all.extend(start(ctrl1, ctrl2, revisions));
+    all
+}
+
+/// CS, and what a calibration finds set.
+fn start(ctrl1: u8, ctrl2: u8, revisions: &[u8]) -> Vec<Transaction> {
+    let mut all = vec![wr(&[0x00, 0xBE])];
+    all.extend(revisions.iter().map(|revision| rd(0x1F, &[*revision])));
+    all.extend([
+        rd(0x00, &[0x9E]),
         rd(0x01, &[ctrl1]),
         rd(0x02, &[ctrl2]),
         rd(0x11, &[0x00]),
         rd(0x1B, &[0x00]),
         rd(0x1C, &[0x80]),
         rd(0x15, &[0x30]),
-    ]
+    ]);
+    all
 }
 
 fn bring_up() -> Vec<Transaction> {
@@ -65,10 +75,8 @@ fn bring_up() -> Vec<Transaction> {
         wr(&[0x00, 0x02]),
         rd(0x00, &[0x02]), // not ready yet
         rd(0x00, &[0x0A]),
-        rd(0x1F, &[0x00]), // cold
-        rd(0x1F, &[0x0F]),
     ];
-    all.extend(configuration(0x2F, 0x70));
+    all.extend(configuration(0x2F, 0x70, &[0x00, 0x0F])); // cold at first
     all.extend(calibration());
     all
 }
@@ -119,7 +127,8 @@ fn a_recovered_bus_error_is_not_the_cause_of_a_later_failure() {
         wr(&[0x00, 0x02]),
         rd(0x00, &[0x0A]),
     ];
-    all.extend(vec![rd(0x1F, &[0x02]); 10]);
+    all.extend(configuration(0x2F, 0x70, &[0x02; 10]));
+    all.truncate(all.len() - 7); // no setting is read back
     let (mut adc, mut bus) = driver(&all);
     let error = adc.bring_up(&mut NoopDelay::new()).unwrap_err();
     assert!(
@@ -131,11 +140,10 @@ fn a_recovered_bus_error_is_not_the_cause_of_a_later_failure() {
 
 #[test]
 fn a_change_of_gain_or_rate_calibrates() {
-    let mut all = configuration(0x2E, 0x70);
+    let mut all = configuration(0x2E, 0x70, &[0x0F]);
     all.extend(calibration());
-    all.extend(configuration(0x2E, 0x30));
+    all.extend(configuration(0x2E, 0x30, &[0x0F]));
     all.extend([
-        wr(&[0x00, 0xBE]),
         wr(&[0x02, 0x34]),
         rd(0x02, &[0x30]),
         wr(&[0x00, 0xAE]),
@@ -163,7 +171,7 @@ fn a_failed_change_keeps_the_old_settings_on_record() {
 
 #[test]
 fn a_calibration_that_keeps_failing_is_reported() {
-    let mut all = vec![wr(&[0x00, 0xBE])];
+    let mut all = start(0x2F, 0x70, &[0x0F]);
     for _ in 0..3 {
         all.extend([wr(&[0x02, 0x77]), rd(0x02, &[0x7B])]);
     }
@@ -181,7 +189,8 @@ fn a_calibration_that_keeps_failing_is_reported() {
 #[test]
 fn six_results_are_discarded_after_a_calibration_a_start_and_new_coefficients() {
     let results: Vec<Transaction> = (1..=7).map(|n| rd(0x12, &[0, 0, n])).collect();
-    let mut all = calibration();
+    let mut all = start(0x2F, 0x70, &[0x0F]);
+    all.extend(calibration());
     all.extend(results.clone());
     all.push(wr(&[0x00, 0xBE]));
     all.extend(results.clone());

@@ -151,6 +151,43 @@ fn a_rig_of_which_a_part_was_exchanged_is_not_driven() {
     expect(folder.path(), hold, 0, &[]);
 }
 
+/// A setting of the rig file that tests judge by: its unit is tested again, and nothing else.
+#[test]
+fn a_changed_setting_is_refused_until_its_unit_was_tested_with_it() {
+    let folder = folder();
+    let text = expect(folder.path(), "check --print", 0, &[]).out;
+    let file = folder.path().join("my.toml");
+    let write = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from}");
+        std::fs::write(&file, text.replacen(from, to, 1)).unwrap();
+    };
+    write("", "");
+    let at = "--rig my.toml --link fast";
+    let hold = format!("hold {at} --duration 0.2");
+    expect(
+        folder.path(),
+        &format!("bring-up {at} --weight 500"),
+        0,
+        &[],
+    );
+    // Of the controller: no test has looked at it.
+    write("kp = 0.2 ", "kp = 0.21 ");
+    let said = expect(folder.path(), &hold, 0, &[]);
+    assert!(
+        said.err.contains("another content; no test judges by that"),
+        "{said:?}"
+    );
+    write("number = 1 ", "coulomb_n = 0.95\nnumber = 1 ");
+    let what = "coulomb_n of unit 1 was 0.909 and is 0.95";
+    expect(folder.path(), &hold, 2, &[what, "nothing was driven"]);
+    let said = expect(folder.path(), &format!("bring-up {at}"), 0, &[]);
+    assert!(said.err.contains(what), "{said:?}");
+    for (test, again) in [("reels", false), ("motors", true), ("tension", true)] {
+        assert_eq!(said.err.contains(&format!("test `{test}`")), again);
+    }
+    expect(folder.path(), &hold, 0, &[]);
+}
+
 /// An experiment on a board: its rig has no seed, and its record is that of the rig's name.
 #[test]
 fn an_experiment_with_a_rig_of_which_a_part_was_exchanged_does_not_begin() {

@@ -142,6 +142,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// A variant: the six conversions that settle come with DRDY and a part of the load.
         public bool ReportsUnsettled { get; set; }
 
+        /// A variant: the revision reads 0 without PUA, and a calibration fails that begins less than TRDY after PUA or before ten
+        /// results have come since the last change, which published drivers wait for.
+        public bool StartsSlowly { get; set; }
+
         /// Codes added to the next conversion, once.
         public int Spike { get; set; }
 
@@ -160,9 +164,16 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             get
             {
+                return 1e9 / (Rate * oscillator * rateFactor);
+            }
+        }
+
+        private int Rate
+        {
+            get
+            {
                 var code = registers[Control2] >> 4 & 7;
-                var rate = code < 4 ? 10 << code : 320;
-                return 1e9 / (rate * oscillator * rateFactor);
+                return code < 4 ? 10 << code : 320;
             }
         }
 
@@ -233,7 +244,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case Adc:
                 return (registers[Pga] & 0x80) == 0 ? registers[address] : (byte)0;
             case Revision:
-                return (byte)(up ? 0x0F : 0);
+                return (byte)(up && (!StartsSlowly || (registers[PowerControl] & 4) != 0) ? 0x0F : 0);
             default:
                 return registers[address];
             }
@@ -322,6 +333,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 poweredUpAt = ulong.MaxValue;
             }
+            if((value & ~before & 4) != 0)
+            {
+                analogAt = time.Now + TrdyNs + (ulong)(5e9 / Rate);
+            }
             if(((before ^ value) & NeededBits) != 0)
             {
                 Restart();
@@ -344,6 +359,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             rig.CatchUp(now);
             converting = true;
             settling = SettlingConversions;
+            toFlush = FlushedResults;
             taken = 0;
             sampleTime = now + PeriodNs / Oversampling;
             nextSample = (ulong)sampleTime;
@@ -405,7 +421,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                     return;
                 }
             }
-            rig.NoteReady(unit, at, result);
+            toFlush = Math.Max(0, toFlush - 1);
+            rig.NoteReady(unit, at, result, calibrated);
             conversionReady = true;
             UpdateReadyPin();
         }
@@ -413,13 +430,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// The input's own offset, either way: an assumption, for the data sheet gives no figure. At gain 128 it is 0.3 N to 0.6 N.
         private void LoseCalibration()
         {
+            calibrated = false;
             rawAtGain128 = (random.Uniform() < 0.5 ? -1.0 : 1.0) * RawOffsetCounts * (1.0 + random.Uniform());
         }
 
         private void Calibrate()
         {
             calibrating = true;
-            calibrationSpoilt = false;
+            calibrationSpoilt = StartsSlowly && (time.Now < analogAt || toFlush > 0);
             var channel = registers[Control2] >> 7;
             StopConversions();
             var mine = ++calibrationEpoch;
@@ -433,9 +451,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 calibrationFails = calibrationSpoilt || (registers[PowerControl] & 6) != 6;
                 if(!calibrationFails)
                 {
+                    calibrated = true;
                     WriteOffset(channel == 0 ? Offset1 : Offset2);
                 }
                 Restart();
+                // The filter held the input all along: another try needs no results first.
+                toFlush = 0;
             });
         }
 
@@ -460,9 +481,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// Input-referred noise: 50 nV at 10 SPS and gain 128, with the root of the rate (data sheet 7.2).
         private double NoiseCounts()
         {
-            var code = registers[Control2] >> 4 & 7;
-            var rate = code < 4 ? 10 << code : 320;
-            var volts = 50e-9 * Math.Sqrt(rate / 10.0);
+            var volts = 50e-9 * Math.Sqrt(Rate / 10.0);
             var reference = Reference[registers[Control1] >> 3 & 7];
             return volts / reference * Gain * 16777216.0 * random.Normal();
         }
@@ -498,10 +517,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private bool calibrating;
         private bool calibrationFails;
         private bool calibrationSpoilt;
+        private bool calibrated;
         private bool converting;
         private bool conversionReady;
         private bool answered;
         private int settling;
+        private int toFlush;
         private int result;
         private int latched;
         private int taken;
@@ -512,6 +533,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private double rawAtGain128;
         private double rateFactor = 1.0;
         private ulong poweredUpAt;
+        private ulong analogAt;
         private ulong epoch;
         private ulong calibrationEpoch;
         private Random64 random = new Random64(1);
@@ -538,9 +560,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private const int Oversampling = 16;
         private const int SettlingConversions = 6;
+        private const int FlushedResults = 10;
         private const int Offset1 = 0x03;
         private const int Offset2 = 0x0A;
         private const ulong PowerUpNs = 200000;
+        private const ulong TrdyNs = 100000000;
         private const ulong CalibrationNs = 344000000;
         private const double ZeroScatterCounts = 600.0;
         private const double RawOffsetCounts = 45000.0;

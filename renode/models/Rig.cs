@@ -174,10 +174,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             plant.SetAmplifierPower(on);
         }
 
-        /// Converter: a conversion is ready.
-        public void NoteReady(int unit, ulong at, int code)
+        /// Converter: a conversion is ready. Those before a calibration are not counted: nobody reads them.
+        public void NoteReady(int unit, ulong at, int code, bool calibrated)
         {
-            Conversions[unit]++;
+            Conversions[unit] += calibrated ? 1u : 0u;
             ready[unit] = at;
             codes[unit] = code;
         }

@@ -293,6 +293,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                     cell.ReportsUnsettled = words[2] == "1";
                 }
                 break;
+            case "start-slowly":
+                foreach(var cell in cells)
+                {
+                    cell.StartsSlowly = words[2] == "1";
+                }
+                break;
             case "plug-usb":
                 usbHost.Plug(words[2] == "1");
                 break;

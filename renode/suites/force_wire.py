@@ -108,8 +108,8 @@ def _status(r):
     for _ in range(UNITS):
         status["units"].append({
             "state": r.byte(), "fault": r.unsigned(), "fault_detail": r.unsigned(), "samples": r.unsigned(),
-            "missed": r.unsigned(), "spikes": r.unsigned(), "period_us": r.unsigned(), "tension_un": r.signed(),
-            "adc_code": r.signed(), "encoder_counts": r.signed()})
+            "missed": r.unsigned(), "spikes": r.unsigned(), "failed_reads": r.unsigned(), "period_us": r.unsigned(),
+            "tension_un": r.signed(), "adc_code": r.signed(), "encoder_counts": r.signed()})
     status["tip_force_un"] = [r.signed() for _ in range(3)]
     status["alive_withheld"] = r.byte() != 0
     for name in ("config_crc", "setpoint_age_ms", "frames_dropped", "frames_bad", "bus_recoveries",

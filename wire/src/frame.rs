@@ -170,6 +170,7 @@ mod tests {
                 samples: u32::MAX,
                 missed: u32::MAX,
                 spikes: u32::MAX,
+                failed_reads: u16::MAX,
                 period_us: u16::MAX,
                 tension_un: i32::MIN,
                 adc_code: i32::MIN,

@@ -505,6 +505,8 @@ pub struct UnitStatus {
     pub missed: u32,
     /// Spikes rejected since boot.
     pub spikes: u32,
+    /// Reads of the converter that failed on the bus since boot. Each is repeated once.
+    pub failed_reads: u16,
     /// Period of the converter in microseconds, averaged; 0: silent.
     pub period_us: u16,
     /// Cable tension after the filter, in micronewton.

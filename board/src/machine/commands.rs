@@ -316,6 +316,7 @@ impl Machine {
                     samples: unit.samples,
                     missed: unit.missed,
                     spikes: unit.spikes,
+                    failed_reads: unit.failed_reads,
                     period_us: if unit.sensor_up {
                         unit.rate.period_us().min(u32::from(u16::MAX)) as u16
                     } else {

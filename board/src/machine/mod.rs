@@ -143,6 +143,7 @@ struct Unit {
     samples: u32,
     missed: u32,
     spikes: u32,
+    failed_reads: u16,
     /// The newest code.
     adc_code: AdcCode,
     /// The newest position.
@@ -173,6 +174,7 @@ impl Unit {
             samples: 0,
             missed: 0,
             spikes: 0,
+            failed_reads: 0,
             adc_code: AdcCode::default(),
             counts: EncoderCounts::default(),
         }

@@ -40,6 +40,8 @@ impl Machine {
                 self.fault_unit(unit, Fault::BringUpFailed, bring_up_detail(&error), now, fx);
             }
             bus::Event::ReadFailed { unit, in_a_row } => {
+                let slot = &mut self.units[unit as usize];
+                slot.failed_reads = slot.failed_reads.wrapping_add(1);
                 if in_a_row >= MAX_FAILED_READS {
                     self.fault_unit(unit, Fault::SensorReads, u32::from(in_a_row), now, fx);
                 }

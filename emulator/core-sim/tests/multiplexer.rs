@@ -185,15 +185,16 @@ fn settled(codes: &[i32], what: &str) {
     }
 }
 
-/// The four variants that the datasheet lines at hand leave open, in all combinations.
+/// The five variants that the datasheet lines at hand leave open, in all combinations.
 fn variants() -> impl Iterator<Item = Vec<Injection>> {
-    (0..16u8).map(|bits| {
+    (0..32u8).map(|bits| {
         let on = |bit: u8| bits >> bit & 1 == 1;
         vec![
             Injection::FreeRun(on(0)),
             Injection::ReportUnsettled(on(1)),
             Injection::KeepReady(on(2)),
             Injection::LatchAtPointer(on(3)),
+            Injection::StartSlowly(on(4)),
         ]
     })
 }

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 10;
+pub const LINK_VERSION: u32 = 11;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -138,6 +138,9 @@ pub enum Injection {
     FreeRun(bool),
     /// The six conversions that settle after a start come with DRDY (`true`). Sources differ.
     ReportUnsettled(bool),
+    /// Converters show their revision after PUA only, and calibrate only once they have run for as
+    /// long as published drivers let them (`true`).
+    StartSlowly(bool),
     /// The next so many rising edges of a unit's DRDY line do not reach the controller.
     LoseDrdy(u8, u8),
     /// The ST-Link's clock stops (`true`), or comes back for the next start. The clock security
@@ -210,6 +213,9 @@ pub enum Injection {
     CellShare(u8, f64),
     /// Noise at a unit's load cell beside the converter's own, V/V, one standard deviation.
     CellNoise(u8, f64),
+    /// A tone at a unit's load cell as its converter's filter gives it: amplitude, V/V, frequency,
+    /// Hz.
+    CellTone(u8, f64, f64),
     /// The DRDY wire of a unit is open (`true`): the controller sees it low.
     CutDrdy(u8, bool),
     /// Brown-out level in the option bytes from the next start on, 0 to 3.
@@ -316,7 +322,7 @@ pub struct Report {
     /// the order they happened. At 1,920 a second, ask at least every two minutes: only the latest
     /// 262,144 are kept.
     pub latencies: Vec<Latency>,
-    /// Conversions that became ready, per unit.
+    /// Conversions that became ready on a calibration, per unit.
     pub conversions: [u64; UNITS],
     /// Conversions that were read out whole before the next one was ready, per unit.
     pub conversions_read: [u64; UNITS],

@@ -101,6 +101,11 @@ impl Board {
                     converter.defects().reports_unsettled = on;
                 }
             }
+            Injection::StartSlowly(on) => {
+                for converter in &mut self.converters {
+                    converter.defects().starts_slowly = on;
+                }
+            }
             Injection::StuckDac(number, on) => self.dacs[unit(number)?].set_stuck(on),
             Injection::HoldSda(on) => {
                 self.sda_held = on;
@@ -228,6 +233,15 @@ impl Board {
                     return Err(format!("noise of {sd_v_per_v} V/V is not possible"));
                 }
                 self.converters[unit].defects().noise = sd_v_per_v;
+            }
+            Injection::CellTone(number, amplitude, hz) => {
+                let unit = unit(number)?;
+                if !(amplitude.is_finite() && hz.is_finite()) {
+                    return Err(format!(
+                        "a tone of {amplitude} V/V at {hz} Hz is not possible"
+                    ));
+                }
+                self.converters[unit].defects().tone = (amplitude, hz);
             }
             Injection::CutDrdy(number, on) => self.drdy_cut[unit(number)?] = on,
             Injection::BrownOutLevel(level) => {

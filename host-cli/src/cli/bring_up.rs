@@ -6,7 +6,7 @@ use super::connection::{Connection, EMBEDDED};
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use ::bring_up::hands::{emulated, Action, Answer, Hands};
-use ::bring_up::record::{read, write, Identity, Record, Verdict};
+use ::bring_up::record::{read, write, Again, Identity, Record, Verdict};
 use ::bring_up::steps::{Bench, Plan, Test};
 use ::bring_up::{record, BringUpError};
 use clap::Args;
@@ -38,8 +38,9 @@ Tests, in their order:
 
 What was measured is kept in the rig's record, in the folder of its calibration. The same command goes on with what is not done
 yet, and repeats what found a mistake. On an emulated rig of the command's own it does by itself what you would do.
-Commands that drive the rig or store something about it refuse one of which a part was exchanged since, its board included; so does the
-rig's service. They do until the tests that were done before are done with the new part.
+Commands that drive the rig or store something about it refuse one of which a part was exchanged since, its board included, or a setting
+of the rig file was changed that a test judges by (scales of load cell, encoder and DAC, friction); so does the rig's service. They do until
+the tests that were done before are done with what is new. After a changed setting these are the tests of its unit that judge by it.
 
 Exit codes:
   0  every test is done, and none found a mistake
@@ -213,7 +214,7 @@ impl BringUp {
                 .output
                 .note(&format!("since the last bring-up {}", change.words));
         }
-        if changes.iter().any(|change| change.is_part) {
+        if changes.iter().any(|change| change.again == Again::Rig) {
             context
                 .output
                 .note("a part was exchanged: every test begins anew");
@@ -222,7 +223,7 @@ impl BringUp {
         if self.restart {
             return Ok(record.anew(rig, now));
         }
-        record.identity = record.identity.updated(now);
+        record.go_on(rig, now);
         Ok(record)
     }
 }

@@ -129,7 +129,7 @@ fn table(info: Option<&BoardInfo>, status: &BoardStatus) -> String {
     );
     row!(
         out,
-        "\nunit  state      tension N   rate 1/s   samples   missed  spikes   cell code  encoder counts  fault"
+        "\nunit  state      tension N   rate 1/s   samples   missed  spikes  retries   cell code  encoder counts  fault"
     );
     for (i, unit) in status.units.iter().enumerate() {
         let live =
@@ -149,7 +149,7 @@ fn table(info: Option<&BoardInfo>, status: &BoardStatus) -> String {
         };
         row!(
             out,
-            "{:>4}  {:<9} {:>10} {:>10} {:>9} {:>8} {:>7} {:>11} {:>15}  {fault}",
+            "{:>4}  {:<9} {:>10} {:>10} {:>9} {:>8} {:>7} {:>8} {:>11} {:>15}  {fault}",
             i + 1,
             motor_state_name(unit.state),
             tension,
@@ -157,9 +157,68 @@ fn table(info: Option<&BoardInfo>, status: &BoardStatus) -> String {
             unit.samples,
             unit.missed,
             unit.spikes,
+            unit.failed_reads,
             unit.adc_code,
             unit.encoder_counts
         );
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use wire::message::UnitStatus;
+    use wire::UNITS;
+
+    /// A reel that is turned by hand shows where its encoder stands, whether its cell measures or
+    /// not: in its row, and in the JSON.
+    #[test]
+    fn counts_are_in_the_row_of_their_unit_and_in_the_json() {
+        let unit = |i: usize| UnitStatus {
+            encoder_counts: -4_000 + 1_000 * i as i32,
+            adc_code: 70_000 + i as i32,
+            failed_reads: 5,
+            ..UnitStatus::default()
+        };
+        let status = BoardStatus {
+            t_us: 0,
+            state: 0,
+            fault: 0,
+            fault_detail: 0,
+            estop_closed: true,
+            units: std::array::from_fn(unit),
+            tip_force_un: [0; 3],
+            alive_withheld: false,
+            config_crc: 0,
+            setpoint_age_ms: u16::MAX,
+            frames_dropped: 0,
+            frames_bad: 0,
+            bus_recoveries: 0,
+            sleep_permille: 0,
+            queue_high_water: 0,
+        };
+        let text = table(None, &status);
+        let head = text.lines().find(|line| line.starts_with("unit ")).unwrap();
+        assert!(head.contains("retries   cell code  encoder counts"));
+        for i in 0..UNITS {
+            let number = (i + 1).to_string();
+            let row = text
+                .lines()
+                .map(|line| line.split_whitespace().collect::<Vec<_>>());
+            let mut row = row.filter(|words| words.first() == Some(&number.as_str()));
+            let row = row.next_back().expect("a row");
+            let (code, counts) = (70_000 + i, -4_000 + 1_000 * i as i32);
+            let expected = [
+                "5".to_owned(),
+                code.to_string(),
+                counts.to_string(),
+                "-".to_owned(),
+            ];
+            assert_eq!(row[row.len() - 4..], expected, "unit {number}");
+            let json = serde_json::to_value(&status).unwrap();
+            assert_eq!(json["units"][i]["encoder_counts"], counts);
+            assert_eq!(json["units"][i]["adc_code"], code);
+        }
+    }
 }

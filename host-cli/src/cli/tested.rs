@@ -12,10 +12,11 @@ fn changes(rig: &Rig, seed: Option<u64>, board: Option<String>) -> Result<Change
     Ok(Changes::of(rig, &Store::of_rig(&rig.name, seed)?, board)?)
 }
 
-/// Refuses a rig of which a part was exchanged since its bring-up; warns where its rig file has
-/// changed. A rig without a bring-up passes. `rig`: as its file has it, without a calibration.
-/// `seed`: that of an emulated rig. `board`: the number of its board, where it is known already.
-/// The number of the board that was tested: who opens a link has to find it there.
+/// Refuses a rig of which a part was exchanged since its bring-up, or a setting that it judged by
+/// was changed; warns where its rig file has other changes. A rig without a bring-up passes. `rig`:
+/// as its file has it, without a calibration. `seed`: that of an emulated rig. `board`: the number
+/// of its board, where it is known already. The number of the board that was tested: who opens a
+/// link has to find it there.
 pub fn require(
     rig: &Rig,
     seed: Option<u64>,
@@ -26,23 +27,18 @@ pub fn require(
     if let Some(why) = changes.refusal() {
         return Err(Failure::usage(why));
     }
-    warn_of(&changes.settings, context);
+    warn_of(&changes, context);
     Ok(changes.board)
 }
 
 /// The same as a warning only, for a command that drives nothing and stores nothing about the rig.
 pub fn warn(rig: &Rig, seed: Option<u64>, board: Option<String>, context: &Context) -> Result<()> {
-    let changes = changes(rig, seed, board)?;
-    warn_of(&changes.parts, context);
-    warn_of(&changes.settings, context);
+    warn_of(&changes(rig, seed, board)?, context);
     Ok(())
 }
 
-fn warn_of(words: &[String], context: &Context) {
-    if !words.is_empty() {
-        context.output.note(&format!(
-            "since the bring-up of this rig {}; `forcectl bring-up` tests it again",
-            words.join("; ")
-        ));
+fn warn_of(changes: &Changes, context: &Context) {
+    if let Some(words) = changes.notice() {
+        context.output.note(&words);
     }
 }

@@ -57,10 +57,23 @@ pub struct ConverterFigures {
     pub missed: u32,
     /// Spikes.
     pub spikes: u32,
+    /// Reads that failed on the bus and were repeated.
+    #[serde(default)]
+    pub failed_reads: u16,
+    /// Recoveries of the bus of all units.
+    #[serde(default)]
+    pub recoveries: u16,
     /// Mean code, and its standard deviation as a force, N.
     pub code: f64,
     /// See [`Self::code`].
     pub noise_n: f64,
+    /// The strongest tone in the noise that stands out of it: frequency, Hz, and amplitude, N; both
+    /// 0: none.
+    #[serde(default)]
+    pub tone_hz: f64,
+    /// See [`Self::tone_hz`].
+    #[serde(default)]
+    pub tone_n: f64,
     /// Units that went silent while this converter was started anew.
     pub silenced: [bool; UNITS],
 }

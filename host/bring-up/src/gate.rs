@@ -1,7 +1,10 @@
 //! Whether a rig is the one that its bring-up has tested: the one check of everything that drives a
 //! rig or stores something about it, in the commands and in the service.
+//!
+//! What only takes force away asks nobody: `stop`, `disarm`, and `clear`, after which every motor
+//! stands at 0 V until the rig is armed. A bring-up with new parts begins with a clear, too.
 
-use crate::record::{self, Identity};
+use crate::record::{self, Again, Identity};
 use crate::steps::Test;
 use known::store::Store;
 use known::Result;
@@ -10,10 +13,10 @@ use rig::Rig;
 /// What has changed since the bring-up of a rig.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Changes {
-    /// Parts that were exchanged, in words.
-    pub parts: Vec<String>,
-    /// Settings that were changed, in words.
-    pub settings: Vec<String>,
+    /// Parts that were exchanged, and settings that a test judges by, in words.
+    pub tested: Vec<String>,
+    /// What else was changed, in words.
+    pub other: Vec<String>,
     /// Tests that a bring-up with the new parts has still to do.
     pub open: Vec<Test>,
     /// Number of the board that was tested, where it is known.
@@ -31,14 +34,14 @@ impl Changes {
             return Ok(Self::default());
         };
         let now = Identity::of(rig, store, board)?;
-        let (parts, settings): (Vec<_>, Vec<_>) =
-            (record.identity.changed(&now).into_iter()).partition(|change| change.is_part);
+        let (other, tested): (Vec<_>, Vec<_>) = (record.identity.changed(&now).into_iter())
+            .partition(|change| change.again == Again::Nothing);
         let words = |changes: Vec<record::Change>| changes.into_iter().map(|change| change.words);
         Ok(Self {
-            parts: (record.owed.parts.iter().cloned())
-                .chain(words(parts))
+            tested: (record.owed.parts.iter().cloned())
+                .chain(words(tested))
                 .collect(),
-            settings: words(settings).collect(),
+            other: words(other).collect(),
             open: record.owed.tests.keys().copied().collect(),
             board: Some(record.identity.board).filter(|number| !number.is_empty()),
         })
@@ -47,7 +50,7 @@ impl Changes {
     /// Why the rig is not driven; `None`: it is.
     #[must_use]
     pub fn refusal(&self) -> Option<String> {
-        if self.parts.is_empty() {
+        if self.tested.is_empty() {
             return None;
         }
         let names: Vec<_> = self.open.iter().map(|test| format!("`{test}`")).collect();
@@ -57,8 +60,23 @@ impl Changes {
             format!(" (it was begun; {} is open)", names.join(", "))
         };
         Some(format!(
-            "since the bring-up of this rig {}: its wiring is not what was tested; run `forcectl bring-up` again{begun}; nothing was driven",
-            self.parts.join("; "),
+            "since the bring-up of this rig {}: that is not what was tested; run `forcectl bring-up` again{begun}; nothing was driven",
+            self.tested.join("; "),
         ))
+    }
+
+    /// What a rig that is driven all the same should be told of; `None`: nothing.
+    #[must_use]
+    pub fn notice(&self) -> Option<String> {
+        let words: Vec<_> = self.tested.iter().chain(&self.other).cloned().collect();
+        let rest = if self.tested.is_empty() {
+            "no test judges by that"
+        } else {
+            "`forcectl bring-up` tests it again"
+        };
+        (!words.is_empty()).then(|| {
+            let words = words.join("; ");
+            format!("since the bring-up of this rig {words}; {rest}")
+        })
     }
 }

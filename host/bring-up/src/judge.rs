@@ -10,6 +10,7 @@ use crate::figures::{
 };
 use crate::mistake::{Mistake, Named, Sure};
 use crate::pulse::{ANSWER_M, ANSWER_N, TIGHT_N, TURNED_M};
+use crate::steps::Test;
 use control::Fault;
 use rig::{Rig, UnitSettings};
 use wire::message::Pull;
@@ -32,6 +33,11 @@ const HAND_N: f64 = 0.4;
 const WEIGHT_SHARE: f64 = 0.16;
 /// Noise above which a load cell is disturbed, N: ten times the rig's 1.5 mN.
 const NOISE_N: f64 = 0.015;
+/// Amplitude of a tone that is disturbing, N: its 5 mN RMS are the noise of the worst idle channel
+/// of the real rig.
+const TONE_N: f64 = 0.007;
+/// Failed reads of all from which something is wrong: one in 640 may be chance.
+const FAILED_SHARE: f64 = 0.002;
 /// Conversions missed of those that were read from which something is wrong.
 const MISSED_SHARE: f64 = 0.002;
 /// Sample rates of a sound converter: 320 with its oscillator's 3 %.
@@ -174,13 +180,46 @@ fn converters(converters: &[Option<ConverterFigures>; UNITS], found: &mut Vec<Na
                 told("a sound one gives 310 to 330 a second"),
             ));
         }
-        if converter.noise_n > NOISE_N {
-            let noise_n = converter.noise_n;
+        if f64::from(converter.failed_reads) > FAILED_SHARE * f64::from(converter.samples) {
+            let failed = converter.failed_reads;
             found.push(certain(
-                Mistake::Noise { unit, noise_n },
-                told("slack cables"),
+                Mistake::FailedReads { unit, failed },
+                told("with these repetitions"),
             ));
         }
+        let (samples, seconds) = (converter.samples, converter.seconds);
+        let told = format!("{samples} samples in {seconds:.1} s, slack cables");
+        noise(unit, converter, told, found);
+    }
+    // A converter at fault explains it.
+    let recoveries = measured().map(|(_, converter)| converter.recoveries).max();
+    let named = |named: &Named| named.mistake.test() == Test::Converters;
+    if let Some(recoveries) = recoveries.filter(|count| *count > 0 && !found.iter().any(named)) {
+        found.push(certain(
+            Mistake::BusRecoveries { recoveries },
+            "the board's count while nothing moved",
+        ));
+    }
+}
+
+/// Names what disturbs the signal of a cell at rest.
+fn noise(unit: u8, converter: &ConverterFigures, told: String, found: &mut Vec<Named>) {
+    let (hz, amplitude_n) = (converter.tone_hz, converter.tone_n);
+    let mut noise_n = converter.noise_n;
+    if amplitude_n > TONE_N {
+        let tone = Mistake::Tone {
+            unit,
+            hz,
+            amplitude_n,
+        };
+        found.push(certain(tone, told.clone()));
+        // What it leaves of the noise.
+        noise_n = (noise_n.powi(2) - 0.5 * amplitude_n.powi(2))
+            .max(0.0)
+            .sqrt();
+    }
+    if noise_n > NOISE_N {
+        found.push(certain(Mistake::Noise { unit, noise_n }, told));
     }
 }
 

@@ -23,6 +23,8 @@ pub mod judge;
 pub mod mistake;
 pub mod pulse;
 pub mod record;
+mod settings;
+mod spectrum;
 pub mod steps;
 pub mod tension;
 mod window;

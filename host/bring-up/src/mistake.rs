@@ -21,6 +21,9 @@ pub enum Mistake {
     SamplesMissed { unit: u8, missed: u32 },
     Rate { unit: u8, sps: f64 },
     Noise { unit: u8, noise_n: f64 },
+    Tone { unit: u8, hz: f64, amplitude_n: f64 },
+    FailedReads { unit: u8, failed: u16 },
+    BusRecoveries { recoveries: u16 },
     EStopNotRead,
     EStopInverted,
     EStopOpen,
@@ -101,7 +104,10 @@ impl Mistake {
             | Self::ChannelsExchanged { .. }
             | Self::SamplesMissed { .. }
             | Self::Rate { .. }
-            | Self::Noise { .. } => Test::Converters,
+            | Self::Noise { .. }
+            | Self::Tone { .. }
+            | Self::FailedReads { .. }
+            | Self::BusRecoveries { .. } => Test::Converters,
             Self::EStopNotRead | Self::EStopInverted | Self::EStopOpen => Test::Estop,
             Self::EStopNotAtPlc
             | Self::RelayBridged
@@ -152,6 +158,11 @@ impl Mistake {
             Self::SamplesMissed { unit, .. } => format!("check SDA, SCL and DRDY of unit {unit} with an oscilloscope"),
             Self::Rate { unit, .. } => format!("check the supply of converter {unit}"),
             Self::Noise { unit, .. } => format!("check the shield of cell {unit} and keep its cable away from the motor's"),
+            Self::Tone { unit, .. } => {
+                format!("check the shield and the ground of cell {unit}: mains is at 50 or 60 Hz and 100 or 120 Hz; another frequency may be that of an amplifier or a fan")
+            }
+            Self::FailedReads { unit, .. } => format!("check the plug of converter {unit}, SDA and SCL at it, and the pull resistors (docs/wiring.md)"),
+            Self::BusRecoveries { .. } => "check SDA and SCL from the controller to the multiplexer and behind it with an oscilloscope: pull resistors, rise time, length of the cables (docs/wiring.md)".into(),
             Self::EStopNotRead => "check that the E-stop's contact is in the loop to PG8 and not bridged".into(),
             Self::EStopInverted => "use the normally closed contact of the E-stop".into(),
             Self::EStopOpen => "release the E-stop and check its plug".into(),
@@ -256,6 +267,23 @@ impl fmt::Display for Mistake {
                 f,
                 "unit {unit}: the load cell's noise is {:.1} mN",
                 1e3 * noise_n
+            ),
+            Self::Tone {
+                unit,
+                hz,
+                amplitude_n,
+            } => write!(
+                f,
+                "unit {unit}: a tone of {hz:.1} Hz and {:.1} mN is in the load cell's signal",
+                1e3 * amplitude_n
+            ),
+            Self::FailedReads { unit, failed } => write!(
+                f,
+                "unit {unit}: {failed} reads of the converter failed on the bus and were repeated"
+            ),
+            Self::BusRecoveries { recoveries } => write!(
+                f,
+                "the sensor bus was held {recoveries} times and had to be cleared"
             ),
             Self::EStopNotRead => write!(
                 f,

@@ -8,6 +8,7 @@
 use crate::figures::{EStopFigures, Figures, PowerFigures};
 use crate::judge::judge;
 use crate::mistake::{Mistake, Named};
+use crate::settings::{self, Values};
 use crate::steps::Test;
 use files::Part;
 use known::store::Store;
@@ -23,7 +24,7 @@ use wire::UNITS;
 pub const SCHEMA: u32 = 2;
 
 /// What a bring-up is of. Empty: not known.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Identity {
     /// The controller's own number (`wire::message::BoardInfo::number`).
     pub board: String,
@@ -31,6 +32,9 @@ pub struct Identity {
     pub rig_hash: String,
     /// Serial numbers of unit, motor, load cell and converter, of each unit.
     pub serials: [[String; 4]; UNITS],
+    /// The rig file's settings that the tests judge by, of each unit that it uses.
+    #[serde(default)]
+    pub settings: [Values; UNITS],
 }
 
 impl Identity {
@@ -52,6 +56,7 @@ impl Identity {
             board: board.unwrap_or_default(),
             rig_hash: rig.hash(),
             serials,
+            settings: settings::of(rig),
         })
     }
 
@@ -67,38 +72,54 @@ impl Identity {
         {
             *is = known(std::mem::take(is), was);
         }
+        let mut settings = now.settings;
+        for (is, was) in settings.iter_mut().zip(&self.settings) {
+            if is.is_empty() {
+                is.clone_from(was);
+            }
+        }
         Self {
             board: known(now.board, &self.board),
             rig_hash: known(now.rig_hash, &self.rig_hash),
             serials,
+            settings,
         }
     }
 
     /// What differs from `now`, in words. What one of the two does not know is no difference.
     #[must_use]
     pub fn changed(&self, now: &Self) -> Vec<Change> {
+        let differs = |was: &str, is: &str| !was.is_empty() && !is.is_empty() && was != is;
         let mut found = Vec::new();
-        let mut differs = |part: Of, was: &str, is: &str| {
-            if !was.is_empty() && !is.is_empty() && was != is {
+        let mut part = |what: String, was: &str, is: &str| {
+            if differs(was, is) {
                 found.push(Change {
-                    is_part: !matches!(part, Of::RigFile),
-                    words: match part {
-                        Of::Board => format!("the board was {was} and is {is}"),
-                        Of::RigFile => "the rig file has another content".to_owned(),
-                        Of::Serial(unit, what) => {
-                            format!("the {what} of unit {unit} was {was} and is {is}")
-                        }
-                    },
+                    words: format!("{what} was {was} and is {is}"),
+                    again: Again::Rig,
                 });
             }
         };
-        differs(Of::Board, &self.board, &now.board);
-        differs(Of::RigFile, &self.rig_hash, &now.rig_hash);
+        part("the board".to_owned(), &self.board, &now.board);
         for (i, (was, is)) in self.serials.iter().zip(&now.serials).enumerate() {
             for (what, (was, is)) in PARTS.iter().zip(was.iter().zip(is)) {
-                differs(Of::Serial(i + 1, what), was, is);
+                part(format!("the {what} of unit {}", i + 1), was, is);
             }
         }
+        let mut settings = Vec::new();
+        for (unit, (was, is)) in (1..).zip(self.settings.iter().zip(&now.settings)) {
+            let changed = settings::changed(unit, was, is).into_iter();
+            settings.extend(changed.map(|(words, tests)| Change {
+                words,
+                again: Again::Unit(unit, tests),
+            }));
+        }
+        if settings.is_empty() && differs(&self.rig_hash, &now.rig_hash) {
+            settings.push(Change {
+                words: "the rig file has another content".to_owned(),
+                again: Again::Nothing,
+            });
+        }
+        found.append(&mut settings);
         found
     }
 }
@@ -106,20 +127,24 @@ impl Identity {
 /// Parts with a serial number.
 const PARTS: [&str; 4] = ["unit", "motor", "load cell", "converter"];
 
-enum Of {
-    Board,
-    RigFile,
-    Serial(usize, &'static str),
-}
-
 /// Something that has changed since the bring-up.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Change {
-    /// A part of the rig was exchanged: its wiring is no longer what was tested. Otherwise a
-    /// setting.
-    pub is_part: bool,
     /// In words.
     pub words: String,
+    /// What has to be tested again.
+    pub again: Again,
+}
+
+/// What a change asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Again {
+    /// No test has looked at it.
+    Nothing,
+    /// These tests of this unit, from 1: a setting that they judge by was changed.
+    Unit(u8, &'static [Test]),
+    /// Every test: a part of the rig was exchanged, so its wiring is not what was tested.
+    Rig,
 }
 
 /// When a test was done with each unit, from 1: the date, `YYYY-MM-DD`.
@@ -149,11 +174,12 @@ pub struct Record {
     pub owed: Owed,
 }
 
-/// Parts that were exchanged, until the tests that the former ones had passed through are done with
-/// them: a bring-up that is begun and broken off has not tested them.
+/// Parts that were exchanged and settings that were changed, until the tests that the former ones
+/// had passed through are done with them: a bring-up that is begun and broken off has not tested
+/// them.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Owed {
-    /// The parts, in words; empty: none.
+    /// The changes, in words; empty: none.
     pub parts: Vec<String>,
     /// The tests, each with its units, from 1.
     pub tests: BTreeMap<Test, BTreeSet<u8>>,
@@ -202,13 +228,13 @@ impl Record {
         }
     }
 
-    /// One that begins anew, of a rig that has this one. Where a part was exchanged, what this one
-    /// has tested is owed.
+    /// One that begins anew, of a rig that has this one. Where something has changed that it judged
+    /// by, what it has tested is owed.
     #[must_use]
     pub fn anew(&self, rig: &Rig, now: Identity) -> Self {
         let mut owed = self.owed.clone();
         let changes = self.identity.changed(&now).into_iter();
-        let parts = changes.filter(|change| change.is_part);
+        let parts = changes.filter(|change| change.again != Again::Nothing);
         owed.parts.extend(parts.map(|change| change.words));
         if !owed.parts.is_empty() {
             for (test, done) in &self.tests {
@@ -221,6 +247,26 @@ impl Record {
             // What one does not know now was tested all the same.
             ..Self::new(rig, self.identity.updated(now))
         }
+    }
+
+    /// Goes on with the same parts: what was tested of a unit by a setting that has changed is open
+    /// again, and owed.
+    pub fn go_on(&mut self, rig: &Rig, now: Identity) {
+        for change in self.identity.changed(&now) {
+            let Again::Unit(unit, tests) = change.again else {
+                continue;
+            };
+            self.owed.parts.push(change.words);
+            for test in tests {
+                let done = self.tests.get(test);
+                if done.is_some_and(|done| done.contains_key(&unit)) {
+                    self.owed.tests.entry(*test).or_default().insert(unit);
+                    self.forget(*test, &[usize::from(unit) - 1]);
+                }
+            }
+        }
+        self.owed.settle(rig, &self.tests);
+        self.identity = self.identity.updated(now);
     }
 
     /// Takes note of what a test has measured, and judges all. A unit that it did not measure keeps
@@ -441,16 +487,86 @@ mod tests {
             words,
             [
                 "the board was B1 and is B2",
-                "the rig file has another content",
                 "the load cell of unit 3 was SBA-1 and is SBA-7",
+                "the rig file has another content",
             ]
         );
         assert_eq!(was.updated(Identity::default()), was);
         assert_eq!(was.updated(now.clone()), now);
         assert_eq!(
-            changes.iter().map(|c| c.is_part).collect::<Vec<_>>(),
-            [true, false, true]
+            changes.iter().map(|c| c.again).collect::<Vec<_>>(),
+            [Again::Rig, Again::Rig, Again::Nothing]
         );
+    }
+
+    /// Every setting that a test judges by, and no other; it is open again for its unit alone.
+    #[test]
+    fn a_changed_setting_asks_for_the_tests_that_judge_by_it() {
+        let rig = Rig::built_in().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let identity = |rig: &Rig| Identity::of(rig, &store, None).unwrap();
+        let done = || {
+            let mut record = Record::new(&rig, identity(&rig));
+            record.figures.converters = [Some(ConverterFigures::default()); UNITS];
+            record.figures.tension = std::array::from_fn(|_| Some(TensionFigures::default()));
+            for test in [Test::Converters, Test::Tension] {
+                record.took(&rig, test, &[0, 1, 2, 3, 4, 5], "2026-11-26");
+            }
+            record
+        };
+        type Edit = (&'static str, fn(&mut rig::UnitSettings));
+        let drive: [Edit; 5] = [
+            ("dac_codes_per_n", |unit| unit.dac_codes_per_n *= 2.0),
+            ("friction_offset_n", |unit| unit.friction_offset_n += 0.1),
+            ("friction_gain", |unit| unit.friction_gain *= 0.9),
+            ("coulomb_n", |unit| unit.coulomb_n *= 1.1),
+            ("coulomb_per_n", |unit| unit.coulomb_per_n += 0.01),
+        ];
+        let cell: Edit = ("scale_n_per_count", |unit| unit.scale_n_per_count *= -1.0);
+        let reel: Edit = ("travel_m_per_count", |unit| unit.travel_m_per_count *= -1.0);
+        let all = [cell, reel].into_iter().chain(drive);
+        for (key, change) in all {
+            let mut other = rig.clone();
+            change(&mut other.units[3]);
+            let mut record = done();
+            let changes = record.identity.changed(&identity(&other));
+            let [Change { words, again }] = changes.as_slice() else {
+                panic!("{key}: {changes:?}");
+            };
+            assert!(
+                words.starts_with(&format!("{key} of unit 4 was ")),
+                "{words}"
+            );
+            assert!(matches!(again, Again::Unit(4, _)));
+            record.go_on(&other, identity(&other));
+            let mut open = vec![Test::Tension];
+            if key == "scale_n_per_count" {
+                open.insert(0, Test::Converters);
+            }
+            let owed: Vec<_> = record.owed.tests.keys().copied().collect();
+            assert_eq!((&owed, record.owed.parts.len()), (&open, 1), "{key}");
+            for test in open {
+                assert!(record.open(&[3]).contains(&test), "{key}");
+                assert!(!record.open(&[0, 1, 2, 4, 5]).contains(&test), "{key}");
+            }
+            // Once more, with nothing new.
+            record.go_on(&other, identity(&other));
+            assert_eq!(record.owed.parts.len(), 1);
+            record.figures.converters[3] = Some(ConverterFigures::default());
+            record.figures.tension[3] = Some(TensionFigures::default());
+            record.took(&other, Test::Converters, &[3], "2026-11-27");
+            record.took(&other, Test::Tension, &[3], "2026-11-27");
+            assert_eq!(record.owed, Owed::default(), "{key}");
+        }
+        // What no test judges by, and a unit that is left out.
+        let mut other = rig.clone();
+        other.units[3].kp *= 2.0;
+        other.units[2].enabled = false;
+        other.units[2].coulomb_n *= 2.0;
+        let changes = done().identity.changed(&identity(&other));
+        assert_eq!(changes.len(), 1);
+        assert_eq!(changes[0].again, Again::Nothing);
     }
 
     /// A bring-up that is begun with a new part has not tested it.

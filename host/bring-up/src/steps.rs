@@ -36,7 +36,7 @@ const ESTOP: Duration = Duration::from_millis(300);
 pub enum Test {
     /// Who the board is, and how it is set.
     Board,
-    /// Converters: rates, missed samples, noise, DRDY lines.
+    /// Converters: rates, missed samples, failed reads, noise and its tones, DRDY lines.
     Converters,
     /// The E-stop.
     Estop,
@@ -287,6 +287,7 @@ impl<'a, 's> Bench<'a, 's> {
         let scale = scales(self.rig);
         for i in self.enabled() {
             let (was, is) = (&before.units[i], &after.units[i]);
+            let (tone_hz, tone) = window.tone(i).unwrap_or_default();
             figures[i] = Some(ConverterFigures {
                 fault: is.fault,
                 fault_detail: is.fault_detail,
@@ -294,8 +295,12 @@ impl<'a, 's> Bench<'a, 's> {
                 seconds: window.seconds(i),
                 missed: is.missed.wrapping_sub(was.missed),
                 spikes: is.spikes.wrapping_sub(was.spikes),
+                failed_reads: is.failed_reads.wrapping_sub(was.failed_reads),
+                recoveries: after.bus_recoveries.wrapping_sub(before.bus_recoveries),
                 code: window.mean_code(i).unwrap_or(0.0),
                 noise_n: window.code_sd(i) * scale[i].abs(),
+                tone_hz,
+                tone_n: tone * scale[i].abs(),
                 silenced: [false; UNITS],
             });
         }

@@ -1,5 +1,6 @@
 //! Samples of all units over a time: where they rest, and how far they go.
 
+use crate::spectrum;
 use rig::Rig;
 use session::{Session, SessionError, TimedSample};
 use std::time::Duration;
@@ -66,6 +67,12 @@ impl Window {
         };
         let sum: f64 = codes.iter().map(|code| (code - middle).powi(2)).sum();
         (sum / (codes.len().max(2) - 1) as f64).sqrt()
+    }
+
+    /// The tone that stands out of a unit's codes: frequency, Hz, and amplitude.
+    pub fn tone(&self, unit: usize) -> Option<(f64, f64)> {
+        let codes = &self.codes[unit];
+        spectrum::strongest(codes, (codes.len().max(1) - 1) as f64 / self.seconds(unit))
     }
 
     /// Last position of a unit's encoder.

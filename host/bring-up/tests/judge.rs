@@ -8,6 +8,7 @@ use bring_up::judge::judge;
 use bring_up::mistake::{Mistake, Sure};
 use bring_up::record::{Identity, Record, Verdict};
 use bring_up::steps::Test;
+use control::Fault;
 use rig::Rig;
 use wire::message::Pull;
 use wire::UNITS;
@@ -217,6 +218,66 @@ fn a_test_of_one_unit_leaves_what_was_found_of_the_others() {
     assert!(!record.open(&[0]).contains(&Test::Estop));
     record.forget(Test::Estop, &[2]);
     assert!(record.open(&[0]).contains(&Test::Estop));
+}
+
+/// Noise, a tone, both, and reads that failed: each by its own name.
+#[test]
+fn noise_tones_and_repeated_reads_are_told_apart() {
+    let named = |change: fn(&mut ConverterFigures)| {
+        let mut found = ConverterFigures {
+            samples: 640,
+            seconds: 2.0,
+            noise_n: 0.0015,
+            ..ConverterFigures::default()
+        };
+        change(&mut found);
+        let mut figures = Figures::default();
+        figures.converters[2] = Some(found);
+        let found = names(&figures).into_iter();
+        found.map(|(mistake, _)| mistake).collect::<Vec<_>>()
+    };
+    let noise = |noise_n| Mistake::Noise { unit: 3, noise_n };
+    let tone = |amplitude_n| Mistake::Tone {
+        unit: 3,
+        hz: 50.0,
+        amplitude_n,
+    };
+    assert_eq!(named(|_| {}), []);
+    assert_eq!(named(|found| found.noise_n = 0.02), [noise(0.02)]);
+    assert_eq!(
+        named(|found| (found.tone_hz, found.tone_n) = (50.0, 0.006)),
+        []
+    );
+    assert_eq!(
+        named(|found| {
+            (found.tone_hz, found.tone_n, found.noise_n) = (50.0, 0.06, 0.0425);
+        }),
+        [tone(0.06)]
+    );
+    let both = named(|found| {
+        (found.tone_hz, found.tone_n, found.noise_n) = (50.0, 0.06, 0.05);
+    });
+    assert!(
+        matches!(both[..], [Mistake::Tone { .. }, Mistake::Noise { noise_n, .. }] if (noise_n - 0.0265).abs() < 1e-4),
+        "{both:?}"
+    );
+    assert_eq!(named(|found| found.failed_reads = 1), []);
+    assert_eq!(
+        named(|found| found.failed_reads = 2),
+        [Mistake::FailedReads { unit: 3, failed: 2 }]
+    );
+    assert_eq!(
+        named(|found| found.recoveries = 1),
+        [Mistake::BusRecoveries { recoveries: 1 }]
+    );
+    // What a dead converter does to the bus has its name already.
+    let dead = named(|found| {
+        (found.fault, found.samples, found.recoveries) = (Fault::SensorReads.code(), 0, 9);
+    });
+    assert!(
+        matches!(dead[..], [Mistake::ConverterSilent { .. }]),
+        "{dead:?}"
+    );
 }
 
 /// All six of a kind, each at its neighbour's place: one name, with all of them.

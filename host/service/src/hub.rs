@@ -605,7 +605,8 @@ impl Hub {
     }
 
     /// Why a client may not drive this rig: a part of it was exchanged since its bring-up, the
-    /// board included. Read anew each time, for parts may be exchanged while the service runs.
+    /// board included, or a setting was changed that it judged by. Read anew each time, for parts
+    /// may be exchanged while the service runs.
     fn exchanged(&self, id: ClientId) -> Option<String> {
         if self.commander_tests && self.commander == Some(id) {
             return None;
@@ -629,7 +630,7 @@ impl Hub {
         };
         read().map_err(|error| {
             format!(
-                "whether a part was exchanged since the bring-up can't be read: {error}; nothing was driven"
+                "what has changed since the bring-up can't be read: {error}; nothing was driven"
             )
         })
     }

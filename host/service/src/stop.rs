@@ -34,6 +34,8 @@ pub const END_AFTER: Duration = Duration::from_secs(1);
 pub const GIVE_UP: Duration = Duration::from_secs(10);
 /// How [`Port`] names itself: the link of a service that has a board.
 const PORT: &str = "port ";
+/// When the next way is taken, from the beginning.
+const WAITS: [Duration; 3] = [PROMPT, END_AFTER, GIVE_UP];
 /// Numbers of the two requests.
 const HELLO: u64 = 1;
 const STOP: u64 = 2;
@@ -109,7 +111,7 @@ pub fn stop(socket: &Socket, client: &str, say: &dyn Fn(&str)) -> Result<Stopped
         ports.retain(|port| Some(port.as_str()) != own);
         ports
     };
-    stop_by(socket, client, holder.as_ref(), others, say)
+    stop_by(socket, client, holder.as_ref(), others, WAITS, say)
 }
 
 fn stop_by(
@@ -117,6 +119,7 @@ fn stop_by(
     client: &str,
     holder: Option<&(u32, String)>,
     others: impl FnOnce() -> Vec<String>,
+    [prompt, end_after, give_up]: [Duration; 3],
     say: &dyn Fn(&str),
 ) -> Result<Stopped, StopError> {
     let began = Instant::now();
@@ -133,9 +136,9 @@ fn stop_by(
     loop {
         // What comes next where nothing is heard.
         let due = match (&others, &to_end) {
-            (Some(_), _) => PROMPT,
-            (None, Some(_)) => END_AFTER,
-            (None, None) => GIVE_UP,
+            (Some(_), _) => prompt,
+            (None, Some(_)) => end_after,
+            (None, None) => give_up,
         };
         let heard = match news.recv_timeout(due.saturating_sub(began.elapsed())) {
             Ok(News::Service(link)) => return Ok(Stopped { link }),
@@ -420,14 +423,21 @@ mod tests {
         (socket, listener)
     }
 
+    /// On a computer under load an answer may come after any of the product's times: a test of a
+    /// service that answers does not end its wait for it, and none gives up.
+    const LONG: Duration = Duration::from_secs(600);
+    const HUNG: [Duration; 3] = [PROMPT, END_AFTER, LONG];
+    const ANSWERS: [Duration; 3] = [LONG; 3];
+
     fn stopped(
         socket: &Socket,
         holder: Option<&(u32, String)>,
         others: &[&str],
+        waits: [Duration; 3],
     ) -> (Result<Stopped, StopError>, String) {
         let said = Mutex::new(String::new());
         let others = others.iter().map(|port| (*port).to_owned()).collect();
-        let result = stop_by(socket, "a test", holder, || others, &|words| {
+        let result = stop_by(socket, "a test", holder, || others, waits, &|words| {
             said.lock().unwrap().push_str(words);
         });
         (result, said.into_inner().unwrap())
@@ -440,7 +450,7 @@ mod tests {
         let board = Board::start();
         // A process that must stay: no port of its is known.
         let holder = (std::process::id(), "embedded rig".to_owned());
-        let (result, said) = stopped(&socket, Some(&holder), &[&board.port]);
+        let (result, said) = stopped(&socket, Some(&holder), &[&board.port], HUNG);
         assert_eq!(result.unwrap().link, format!("port {}", board.port));
         assert_eq!(board.stops(), 1);
         assert!(
@@ -456,7 +466,7 @@ mod tests {
         let board = Board::start();
         let mut service = Hangs::start();
         let holder = (service.0.id(), format!("port {}", board.port));
-        let (result, said) = stopped(&socket, Some(&holder), &[]);
+        let (result, said) = stopped(&socket, Some(&holder), &[], HUNG);
         assert_eq!(result.unwrap().link, format!("port {}", board.port));
         assert_eq!(board.stops(), 1);
         assert!(said.contains("is killed after 1 s"), "{said}");
@@ -482,7 +492,7 @@ mod tests {
             let refused = crate::protocol::answer(&id(&second), &Err(gone));
             (&stream).write_all((hello + &refused).as_bytes()).unwrap();
         });
-        let (result, said) = stopped(&socket, None, &["/dev/no-such-port"]);
+        let (result, said) = stopped(&socket, None, &["/dev/no-such-port"], ANSWERS);
         answers.join().unwrap();
         let error = result.unwrap_err().to_string();
         assert!(said.contains("can't stop it"), "{said}");
@@ -501,7 +511,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (socket, listener) = hung(folder.path());
         drop(listener);
-        let (result, said) = stopped(&socket, None, &["/dev/no-such-port"]);
+        let (result, said) = stopped(&socket, None, &["/dev/no-such-port"], ANSWERS);
         assert!(matches!(result, Err(StopError::NobodyThere)), "{result:?}");
         assert_eq!(said, "");
     }

@@ -10,12 +10,15 @@ macro_rules! words {
          amplifier-share=UNIT:SHARE, reverse-encoder=UNIT, encoder-lines=UNIT:LINES, exchange-encoders=UNIT:UNIT, \
          exchange-motors=UNIT:UNIT, exchange-cells=UNIT:UNIT, exchange-drdy=UNIT:UNIT, pull-out=UNIT:MM, \
          exchange-channels=UNIT:UNIT, tie-selects=UNIT:UNIT, open-ldac=UNIT, cut-drdy=UNIT, cell-share=UNIT:SHARE, \
-         cell-noise=UNIT:V/V, bypass-relay=UNIT, bridge-relay, invert-relay, open-alive, bridge-estop, \
+         cell-noise=UNIT:V/V, cell-hum=UNIT:V/V, bypass-relay=UNIT, bridge-relay, invert-relay, open-alive, bridge-estop, \
          bridge-estop-at-plc, invert-estop, brown-out-level=LEVEL, dac-reset-pull=none|up|down, \
          lose-clock, hang, usb-out, usb-in, \
          usb-suspend, usb-resume (a rig started with --usb)"
     };
 }
+
+/// Frequency of the mains of `cell-hum`, Hz.
+const MAINS_HZ: f64 = 50.0;
 
 /// The words with times, for help texts.
 pub const HELP: &str = concat!(
@@ -148,6 +151,11 @@ fn read(what: &str, wrong: &dyn Fn(&str) -> String) -> Result<Injection, String>
         "cell-noise" => {
             Injection::CellNoise(unit()?, number("0 to 1e-3 V/V are possible", 0.0..=1e-3)?)
         }
+        "cell-hum" => Injection::CellTone(
+            unit()?,
+            number("0 to 1e-3 V/V are possible", 0.0..=1e-3)?,
+            MAINS_HZ,
+        ),
         "bypass-relay" => Injection::BypassRelay(unit()?, true),
         "bridge-relay" => Injection::BridgeRelay(true),
         "invert-relay" => Injection::InvertRelay(true),
@@ -222,6 +230,7 @@ pub fn describe(injection: &Injection) -> Option<String> {
         Injection::CutDrdy(unit, true) => format!("cut-drdy={unit}"),
         Injection::CellShare(unit, share) => format!("cell-share={unit}:{share}"),
         Injection::CellNoise(unit, sd) => format!("cell-noise={unit}:{sd}"),
+        Injection::CellTone(unit, amplitude, _) => format!("cell-hum={unit}:{amplitude}"),
         Injection::BypassRelay(unit, true) => format!("bypass-relay={unit}"),
         Injection::BridgeRelay(true) => "bridge-relay".to_owned(),
         Injection::InvertRelay(true) => "invert-relay".to_owned(),
@@ -326,6 +335,7 @@ mod tests {
             "cut-drdy=1",
             "cell-share=3:0.6",
             "cell-noise=6:0.00001",
+            "cell-hum=2:0.000002",
             "bypass-relay=3",
             "bridge-relay",
             "invert-relay",

@@ -43,6 +43,7 @@ fn injection_words(injection: &Injection) -> String {
         Injection::ReadUsb(on) => format!("read-usb {}", u8::from(on)),
         Injection::FreeRun(on) => format!("free-run {}", u8::from(on)),
         Injection::ReportUnsettled(on) => format!("report-unsettled {}", u8::from(on)),
+        Injection::StartSlowly(on) => format!("start-slowly {}", u8::from(on)),
         Injection::BusError => "bus-error 0".to_owned(),
         // The models of Renode do not have these; RigServer refuses the word.
         other => format!("{other:?}"),

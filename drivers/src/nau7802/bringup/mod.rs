@@ -2,19 +2,23 @@
 //! alike.
 //!
 //! ```text
-//! RR=1, RR=0, PUD=1, 200 us, wait PUR, revision        datasheet section 9.1 (power-on sequence)
-//!   -> CTRL1, PU_CTRL (0xAE), supply settles           voltage chosen before the regulator starts
-//!   -> CTRL2, I2C_CTRL, PGA, POWER, ADC (0x30)
-//!   -> read every one of them back
-//!   -> CS=1, calibrate, wait CALS=0, check CAL_ERR      section 8.6
+//! RR=1, RR=0, PUD=1, 200 us, wait PUR                  datasheet section 9.1 (power-on sequence)
+//!   -> CTRL1, CTRL2, I2C_CTRL, PGA, POWER, ADC (0x30)  all settings before the analog part
+//!   -> PU_CTRL (0xAE), CS=1, supply settles            it starts at them, and converts meanwhile
+//!   -> revision, and read every setting back
+//!   -> calibrate, wait CALS=0, check CAL_ERR            section 8.6
 //!   -> CS=0, CS=1                                      fresh conversion cycle
 //!   -> the owner discards six results                  section 8.4, see `Settling`
 //! ```
 //!
 //! The owner performs each [`Action`] and reports the outcome as an [`Event`]. Nothing in between
 //! is hidden: the waits are actions too, so six converters calibrate at the same time on one bus,
-//! each with its own machine. The converter runs during its calibration, so DRDY edges come before
-//! [`Action::Done`]: ignore them until then.
+//! each with its own machine. The converter runs before and during its calibration, so DRDY edges
+//! come before [`Action::Done`]: ignore them until then.
+//!
+//! The order and the wait for the supply are those that published drivers need on silicon: they set
+//! the rate before PUA or wait 600 ms after it, read the revision after PUA, and read ten results
+//! away before they calibrate ([`Config::supply_wait_us`]).
 //!
 //! Each wait and each retry is bounded ([`limits`]). A failed bus transaction leaves the part's
 //! state unknown, so the sequence restarts from its beginning, a bounded number of times.
@@ -186,7 +190,7 @@ impl Bringup {
             Stage::WritePower => config.power().bits(),
             Stage::WriteAdc => config.adc().bits(),
             Stage::CalibrationStart => config.ctrl2_calibrate(self.mode).bits(),
-            Stage::SupplySettle => return Action::WaitUs(config.supply_settle_us),
+            Stage::SupplySettle => return Action::WaitUs(config.supply_wait_us()),
             Stage::CalibrationWait => return Action::WaitUs(limits::CALIBRATION_WAIT_US),
             Stage::PowerUpReady => return Action::WaitUs(limits::POWER_UP_WAIT_US),
             Stage::RevisionCheck
@@ -211,14 +215,14 @@ impl Bringup {
             Stage::ResetAssert => Stage::ResetRelease,
             Stage::ResetRelease => Stage::PowerUpDigital,
             Stage::PowerUpDigital => Stage::PowerUpReady,
-            Stage::WriteCtrl1 => Stage::PowerUpAnalog,
-            Stage::PowerUpAnalog => Stage::SupplySettle,
+            Stage::WriteCtrl1 => Stage::WriteCtrl2,
             Stage::WriteCtrl2 => Stage::WriteI2cCtrl,
             Stage::WriteI2cCtrl => Stage::WritePga,
             Stage::WritePga => Stage::WritePower,
             Stage::WritePower => Stage::WriteAdc,
-            Stage::WriteAdc => Stage::VerifyPuCtrl,
-            Stage::CycleStart => Stage::CalibrationStart,
+            Stage::WriteAdc => Stage::PowerUpAnalog,
+            Stage::PowerUpAnalog => Stage::CycleStart,
+            Stage::CycleStart => Stage::SupplySettle,
             Stage::CalibrationStart => Stage::CalibrationWait,
             Stage::CycleStop => Stage::CycleRestart,
             Stage::CycleRestart => Stage::Finished,
@@ -229,7 +233,7 @@ impl Bringup {
 
     fn after_wait(&mut self) -> Action {
         match self.stage {
-            Stage::SupplySettle => self.enter(Stage::WriteCtrl2),
+            Stage::SupplySettle => self.enter(Stage::RevisionCheck),
             Stage::PowerUpReady | Stage::RevisionCheck | Stage::CalibrationWait => self.read(),
             _ => self.fail(Cause::UnexpectedEvent),
         }
@@ -250,7 +254,7 @@ impl Bringup {
         match self.stage {
             Stage::PowerUpReady => {
                 if PuCtrl::from_bits(byte).power_up_ready() {
-                    self.enter(Stage::RevisionCheck)
+                    self.enter(Stage::WriteCtrl1)
                 } else {
                     self.poll_again(
                         limits::POWER_UP_POLLS,
@@ -262,7 +266,7 @@ impl Bringup {
             Stage::RevisionCheck => {
                 let revision = Revision::from_bits(byte);
                 if revision.is_expected() {
-                    self.enter(Stage::WriteCtrl1)
+                    self.enter(Stage::VerifyPuCtrl)
                 } else {
                     self.poll_again(
                         limits::REVISION_TRIES,
@@ -292,7 +296,9 @@ impl Bringup {
             Stage::VerifyPga => self.verify(byte, config.pga().bits(), 0xF9, Stage::VerifyPower),
             Stage::VerifyPower => self.verify(byte, config.power().bits(), 0xFF, Stage::VerifyAdc),
             // Bits 7:6: whether the fast-read enable reads back is not documented.
-            Stage::VerifyAdc => self.verify(byte, config.adc().bits(), 0x3F, Stage::CycleStart),
+            Stage::VerifyAdc => {
+                self.verify(byte, config.adc().bits(), 0x3F, Stage::CalibrationStart)
+            }
             _ => self.fail(Cause::UnexpectedEvent),
         }
     }

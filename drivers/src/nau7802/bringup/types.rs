@@ -83,7 +83,8 @@ numbered! {
         VerifyPower = 19, "read the amplifier capacitor back";
         /// Read-back of ADC.
         VerifyAdc = 20, "read the modulator chopper back";
-        /// CS=1: a calibration needs the converter running.
+        /// CS=1: the filter fills while the supply settles, and a calibration needs the converter
+        /// running.
         CycleStart = 21, "start the converter";
         /// CALS=1.
         CalibrationStart = 22, "start the calibration";

@@ -9,6 +9,10 @@ pub(super) const FULL_SCALE: f64 = 8_388_608.0;
 pub(super) const POWER_UP_NS: f64 = 200_000.0;
 /// CALS to its clearing (seen by drivers).
 pub(super) const CALIBRATION_NS: f64 = 344_000_000.0;
+/// What TRDY is beside five samples: published drivers wait for it.
+pub(super) const TRDY_NS: u64 = 100_000_000;
+/// Results that published drivers read away before they calibrate.
+const FLUSHED: u32 = 10;
 /// Share of a load that the first six conversions after a start show; a start finds the filter
 /// empty. No source at hand gives shares: the first four were seen with published drivers on a
 /// model of this kind, the last two go on to 1.
@@ -46,6 +50,7 @@ impl Nau7802 {
         let converting = self.analog_on() && started && self.calibrating.is_none();
         if converting {
             self.settling = SETTLING.len();
+            self.to_flush = FLUSHED;
             self.schedule(t_ns as f64);
         } else {
             self.next_conversion = None;
@@ -96,6 +101,8 @@ impl Nau7802 {
                 let input = self.defects.wired(bridge(at, 1e9 / 80.0));
                 self.finish_calibration(mode, input);
                 self.restart(at);
+                // The filter held the input all along: another try needs no results first.
+                self.to_flush = 0;
             }
         }
         let Some(due) = self.next_conversion else {
@@ -116,7 +123,8 @@ impl Nau7802 {
                 SETTLING[SETTLING.len() - left]
             }
         };
-        self.conversions += 1;
+        self.to_flush = self.to_flush.saturating_sub(1);
+        self.conversions += u64::from(self.calibrated);
         if self.defects.one_in > 1 && !self.conversions.is_multiple_of(self.defects.one_in) {
             return false;
         }

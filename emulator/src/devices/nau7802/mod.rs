@@ -20,7 +20,7 @@
 //!
 //! Where the datasheet lines at hand leave something open, or drivers that work on silicon
 //! contradict them, a variant of [`Defects`] has the other behaviour: `latches_at_pointer`,
-//! `keeps_ready`, `free_runs`, `reports_unsettled`.
+//! `keeps_ready`, `free_runs`, `reports_unsettled`, `starts_slowly`.
 //!
 //! Not modelled: the second channel's own input (it is open on this board), the temperature
 //! sensor's scale, the OTP's content, CRSD.
@@ -33,6 +33,7 @@ use super::Complaints;
 use crate::rng::Rng;
 use conversion::*;
 use register_map::{bit, reg, reset_values, REGISTERS};
+use std::f64::consts::TAU;
 
 /// I2C address, fixed in the chip.
 pub const ADDRESS: u8 = 0x2A;
@@ -61,6 +62,10 @@ pub struct Defects {
     /// Another variant: the six conversions that settle come with DRDY. Linux's driver counts six
     /// ready results away.
     pub reports_unsettled: bool,
+    /// Another variant, of what drivers that work wait for: the revision reads 0 without PUA, and a
+    /// calibration fails that begins less than TRDY (five samples and 100 ms at the rate that was
+    /// in force) after PUA, or before ten results have come since the last change.
+    pub starts_slowly: bool,
     /// One conversion in so many becomes ready; 0 and 1: each.
     pub one_in: u64,
     /// Periods are longer by this share.
@@ -77,6 +82,8 @@ pub struct Defects {
     pub spike: f64,
     /// Noise beside the chip's own, V/V SD.
     pub noise: f64,
+    /// A tone that is added to the signal: amplitude at the filter's output, V/V, frequency, Hz.
+    pub tone: (f64, f64),
 }
 
 impl Defects {
@@ -101,7 +108,13 @@ impl Defects {
         } else {
             0.0
         };
-        self.wired(signal) * (1.0 - self.lost_share) + self.offset + self.drift * seconds + spike
+        let (amplitude, hz) = self.tone;
+        let tone = match amplitude {
+            0.0 => 0.0,
+            _ => amplitude * (TAU * hz * (t_ns as f64 * 1e-9)).sin(),
+        };
+        let signal = self.wired(signal) * (1.0 - self.lost_share);
+        signal + self.offset + self.drift * seconds + spike + tone
     }
 }
 
@@ -122,6 +135,10 @@ pub struct Nau7802 {
     /// When the digital part is up, once PUD is set.
     ready_at: Option<u64>,
     revision_at: u64,
+    /// When the analog part is ready in the variant `starts_slowly`, and the results that a
+    /// calibration needs in it.
+    analog_at: u64,
+    to_flush: u32,
     powered_up: bool,
     calibrating: Option<(u64, u8)>,
     calibration_spoilt: bool,
@@ -143,7 +160,7 @@ pub struct Nau7802 {
     plugged: bool,
     /// What is broken at the load cell or in the chip.
     defects: Defects,
-    /// Conversions that became ready.
+    /// Conversions that became ready on a calibration.
     pub conversions: u64,
     /// Conversions whose last byte was read before the next one was ready.
     pub conversions_read: u64,
@@ -168,6 +185,8 @@ impl Nau7802 {
             fast: None,
             ready_at: None,
             revision_at: u64::MAX,
+            analog_at: 0,
+            to_flush: 0,
             powered_up: false,
             calibrating: None,
             calibration_spoilt: false,

@@ -38,6 +38,7 @@ impl Nau7802 {
             }
             // Behind 0x15 is the OTP while RD_OTP_SEL is set; its content is not public.
             reg::ADC if self.registers[usize::from(reg::PGA)] & bit::RD_OTP_SEL != 0 => 0xFF,
+            reg::REVISION if self.defects.starts_slowly && self.registers[0] & bit::PUA == 0 => 0,
             reg::REVISION if self.defects.revision => 0x0E,
             reg::REVISION if self.powered_up && t_ns >= self.revision_at => 0x0F,
             reg::REVISION => 0,
@@ -63,36 +64,7 @@ impl Nau7802 {
             return;
         }
         match address {
-            reg::PU_CTRL => {
-                let value = value & !(bit::CR | bit::PUR);
-                if value & bit::RR != 0 {
-                    self.registers = reset_values();
-                    self.registers[0] = bit::RR;
-                    self.ready_at = None;
-                    self.powered_up = false;
-                    self.calibrating = None;
-                    self.calibrated = false;
-                    self.next_conversion = None;
-                    self.ready = false;
-                    return;
-                }
-                self.registers[0] = value;
-                if value & bit::PUD == 0 {
-                    self.ready_at = None;
-                    self.powered_up = false;
-                    self.ready = false;
-                } else if before[0] & bit::PUD == 0 {
-                    let ready =
-                        t_ns + (POWER_UP_NS * (1.0 + 0.1 * self.rng.uniform_signed())) as u64;
-                    self.ready_at = Some(ready);
-                    self.revision_at = ready + (1e6 * self.rng.uniform()) as u64;
-                }
-                let cs = if self.defects.free_runs { 0 } else { bit::CS };
-                let relevant = bit::PUD | bit::PUA | cs | bit::AVDDS;
-                if (value ^ before[0]) & relevant != 0 {
-                    self.restart(t_ns);
-                }
-            }
+            reg::PU_CTRL => self.write_power_control(value, t_ns),
             reg::CTRL1 => {
                 self.registers[at] = value;
                 if value & bit::DRDY_SEL != 0 {
@@ -117,7 +89,9 @@ impl Nau7802 {
                 if value & bit::CALS != 0 && !busy {
                     let length = CALIBRATION_NS / (1.0 + self.clock_error);
                     self.calibrating = Some((t_ns + length as u64, value & 3));
-                    self.calibration_spoilt = !self.analog_on();
+                    let early = t_ns < self.analog_at || self.to_flush > 0;
+                    self.calibration_spoilt =
+                        !self.analog_on() || self.defects.starts_slowly && early;
                     self.registers[at] |= bit::CALS;
                     self.next_conversion = None;
                     self.ready = false;
@@ -148,6 +122,40 @@ impl Nau7802 {
                 &self.name,
                 format!("write to unknown register {address:#04x}"),
             ),
+        }
+    }
+
+    fn write_power_control(&mut self, value: u8, t_ns: u64) {
+        let before = self.registers[0];
+        let value = value & !(bit::CR | bit::PUR);
+        if value & bit::RR != 0 {
+            self.registers = reset_values();
+            self.registers[0] = bit::RR;
+            self.ready_at = None;
+            self.powered_up = false;
+            self.calibrating = None;
+            self.calibrated = false;
+            self.next_conversion = None;
+            self.ready = false;
+            return;
+        }
+        self.registers[0] = value;
+        if value & bit::PUD == 0 {
+            self.ready_at = None;
+            self.powered_up = false;
+            self.ready = false;
+        } else if before & bit::PUD == 0 {
+            let ready = t_ns + (POWER_UP_NS * (1.0 + 0.1 * self.rng.uniform_signed())) as u64;
+            self.ready_at = Some(ready);
+            self.revision_at = ready + (1e6 * self.rng.uniform()) as u64;
+        }
+        if value & !before & bit::PUA != 0 {
+            self.analog_at = t_ns + TRDY_NS + (5e9 / self.rate()) as u64;
+        }
+        let cs = if self.defects.free_runs { 0 } else { bit::CS };
+        let relevant = bit::PUD | bit::PUA | cs | bit::AVDDS;
+        if (value ^ before) & relevant != 0 {
+            self.restart(t_ns);
         }
     }
 }

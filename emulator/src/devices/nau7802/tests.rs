@@ -480,3 +480,37 @@ fn habits_of_drivers_that_work_on_silicon_work_here() {
         }
     }
 }
+
+/// The variant: each of the habits above is needed.
+#[test]
+fn a_chip_that_starts_slowly_calibrates_only_after_what_published_drivers_wait_for() {
+    // After PUA, and after CS, ms; whether the calibration is valid. Sixteen conversions at 320 SPS
+    // take 48.5 to 51.6 ms, TRDY 115.6 ms.
+    for (after_power, after_start, valid) in [
+        (0, 120, true),
+        (0, 110, false),
+        (100, 52, true),
+        (200, 45, false),
+    ] {
+        let mut bench = Bench::new(14);
+        bench.chip.defects().starts_slowly = true;
+        bench.write(0x00, 0x02);
+        bench.wait(2_000_000);
+        assert_eq!(bench.read(0x1F, 1), [0], "without PUA");
+        bench.write(0x01, 0x2F);
+        bench.write(0x02, 0x70);
+        bench.write(0x00, 0x86);
+        assert_eq!(bench.read(0x1F, 1), [0x0F]);
+        bench.wait(after_power * 1_000_000);
+        bench.write(0x00, 0x96);
+        bench.wait(after_start * 1_000_000);
+        bench.write(0x02, 0x74);
+        bench.wait(400_000_000);
+        let failed = bench.read(0x02, 1)[0] & bit::CAL_ERR != 0;
+        assert_eq!(failed, !valid, "{after_power} and {after_start} ms");
+        // The next try needs no wait.
+        bench.write(0x02, 0x74);
+        bench.wait(400_000_000);
+        assert_eq!(bench.read(0x02, 1)[0] & 0x0C, 0);
+    }
+}

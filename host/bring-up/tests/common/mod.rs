@@ -361,6 +361,12 @@ pub fn cases() -> Vec<Case> {
             [I::CellNoise(4, 2.7e-6)],
             M::Noise { unit: 4, .. }
         ),
+        // 30 mN.
+        case!(
+            "mains at load cell 2",
+            [I::CellTone(2, 2.0e-6, 50.0)],
+            M::Tone { unit: 2, hz, .. } if (*hz - 50.0).abs() < 1.0
+        ),
         case!(
             "DRDY wire 5 open",
             [I::CutDrdy(5, true)],

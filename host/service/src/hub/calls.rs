@@ -214,13 +214,16 @@ impl Hub {
             let name = self.name_of(other);
             return self.busy(id, number, &name);
         }
-        let board = match self
-            .changes()
-            .map(|changes| (changes.refusal(), changes.board))
-        {
-            Ok((None, board)) => board,
-            Ok((Some(why), _)) | Err(why) => return self.fail(id, number, code::EXCHANGED, &why),
+        let changes = match self.changes() {
+            Ok(changes) => changes,
+            Err(why) => return self.fail(id, number, code::EXCHANGED, &why),
         };
+        if let Some(why) = changes.refusal() {
+            return self.fail(id, number, code::EXCHANGED, &why);
+        }
+        if let Some(words) = changes.notice() {
+            self.event("job", words, None);
+        }
         self.jobs += 1;
         let order = job::Order {
             kind,
@@ -228,7 +231,7 @@ impl Hub {
             request: number.cloned(),
             name: self.name_of(id),
             rig_file: self.setup.rig_file.clone(),
-            board,
+            board: changes.board,
             number: self.jobs,
         };
         match job::start(order, &self.sender) {

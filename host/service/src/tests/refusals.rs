@@ -228,3 +228,41 @@ fn setpoints_of_a_client_that_does_not_command_are_told_to_be_refused() {
         "{error}"
     );
 }
+
+/// A setting that a test judged by is no longer what was tested; another one is told.
+#[test]
+fn a_changed_rig_file_drives_nothing_or_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::at(folder.path());
+    let rig_file = Rig::built_in().unwrap();
+    let tested = |change: fn(&mut Identity)| {
+        let mut identity = Identity::of(&rig_file, &store, Some(NUMBER.to_owned())).unwrap();
+        change(&mut identity);
+        write(&store, &Record::new(&rig_file, identity)).unwrap();
+    };
+    let rig = KeptRig::of(Behavior::Good, true, 0.0, Some(store.clone()));
+    let mut page = rig.client("a page");
+    let events = Topics {
+        events: true,
+        ..Topics::default()
+    };
+    page.call(Call::Subscribe(events)).unwrap();
+    tested(|identity| {
+        identity.settings[2].insert("travel_m_per_count".to_owned(), 1.0);
+    });
+    let error = page.hold(HoldParams::default()).unwrap_err().to_string();
+    assert!(
+        error.contains("travel_m_per_count of unit 3 was 1 and is "),
+        "{error}"
+    );
+    assert_eq!(rig.got(&Command::Arm), 0);
+    tested(|identity| identity.rig_hash = "another".to_owned());
+    page.hold(HoldParams::default()).unwrap();
+    loop {
+        match page.next(PATIENCE).unwrap().expect("the event") {
+            Notification::Event(event) if event.text.contains("has another content") => break,
+            _ => {}
+        }
+    }
+    page.call(Call::Disarm).unwrap();
+}

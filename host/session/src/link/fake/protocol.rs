@@ -84,6 +84,7 @@ impl FakeBoard {
                 samples: self.samples[i],
                 missed: 0,
                 spikes: 0,
+                failed_reads: 0,
                 period_us: 3125,
                 tension_un: self.states[i].tension().to_un(),
                 adc_code: 0,
