@@ -54,7 +54,7 @@ const SETS: [Set; 3] = [
         force_n: along_y,
     },
     Set {
-        name: "three components",
+        name: "three components: x; y; z",
         speed: 1.0,
         axes: &[0, 1, 2],
         force_n: all_ways,
@@ -163,7 +163,7 @@ fn main() {
     for set in &SETS {
         for (arm, change) in [
             ("same in every trial", ChangeConfig::default()),
-            ("changes of the standard experiment", ChangeConfig::STANDARD),
+            ("changes between trials", ChangeConfig::STANDARD),
         ] {
             let all: Vec<[Score; 2]> = seeds
                 .iter()
