@@ -126,8 +126,8 @@ struct Trainer {
 /// Validation error, N, and layers of the best epoch.
 type Best = Option<(f64, Vec<Layer>)>;
 
-/// The weights as what the optimiser changes. Their numbers are always the same: its state in a file
-/// is by them.
+/// The weights as what the optimiser changes. Their numbers are always the same: its state in a
+/// file is by them.
 fn parameters(layers: &[Layer], device: &Device) -> Parameters {
     let parts = layers.iter().flat_map(Layer::parts);
     let values = (1_u64..)

@@ -5,7 +5,8 @@
 //! without a load and estimate the load of other logs. Logs are kept apart, never rows.
 //!
 //! * [`log`](mod@log) reads the files;
-//! * [`chain`] is the kinematics of an arm, and its inverse dynamics as a linear function of masses;
+//! * [`chain`] is the kinematics of an arm, and its inverse dynamics as a linear function of
+//!   masses;
 //! * [`fit`] filters and fits linear models of the torques;
 //! * [`ur10e`] and [`psm`] are the two robots, [`page`] prints what they give.
 

@@ -74,7 +74,8 @@ pub fn chain() -> [Joint; JOINTS] {
     ]
 }
 
-/// Masses and inertias; of each joint friction, inertia of the motor, a spring (cables), a constant.
+/// Masses and inertias; of each joint friction, inertia of the motor, a spring (cables), a
+/// constant.
 fn physics(q: &[f64], rate: &[f64], acceleration: &[f64]) -> DMatrix<f64> {
     let chain = chain();
     let places = places(&chain, q, rate, acceleration);

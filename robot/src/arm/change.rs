@@ -20,8 +20,8 @@ pub struct ChangeConfig {
     /// Coulomb friction of all contacts above that of the parameters, share of it; negative where
     /// it has fallen.
     pub friction: f64,
-    /// The same from trial to trial, standard deviation, share: other tensions of the cables, another
-    /// temperature of the room.
+    /// The same from trial to trial, standard deviation, share: other tensions of the cables,
+    /// another temperature of the room.
     pub friction_sd: f64,
     /// Torque per current: standard deviation over trials, share.
     pub gain_sd: f64,
