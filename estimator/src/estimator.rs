@@ -6,6 +6,7 @@ use crate::geometry::Base;
 use crate::interval::{error_n, HeldOut, Interval, Started};
 pub use crate::kind::Kind;
 use crate::misfit::TIMES;
+pub use crate::model::Keep;
 use crate::model::{Epochs, Model, ModelError, Progress};
 use crate::motion::{Motion, INPUTS, INPUT_NAMES};
 use crate::physics::{Balance, Physics};
@@ -46,7 +47,7 @@ pub struct Training {
 
 /// How long networks are trained. Their layers, rates and batches are those of the thesis, or of
 /// the small networks.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct NetworkLimits {
     /// Passes through the training rows; `None`: those of the settings (50 in the thesis).
     pub epochs: Option<usize>,
@@ -54,6 +55,9 @@ pub struct NetworkLimits {
     pub limit_s: Option<f64>,
     /// Whether an NVIDIA GPU trains them. Needs the feature `cuda`.
     pub gpu: bool,
+    /// Where the training is kept after each epoch, if it is. Those of the folds for intervals are
+    /// not.
+    pub keep: Option<Keep>,
 }
 
 /// What a recalibration on free motion has found.
@@ -155,6 +159,7 @@ fn selected(sequences: &[&Sequence], axes: &[usize]) -> Vec<Sequence> {
 fn neural(
     training: &Training,
     sequences: &[&Sequence],
+    keep: Option<&Keep>,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Body, ModelError> {
     use crate::network::{Backend, Config, Kind as Net};
@@ -178,13 +183,18 @@ fn neural(
         },
         ..thesis
     };
-    let neural =
-        crate::neural::Neural::train(&config, training.base, &training.axes, sequences, progress)?;
+    let (base, axes) = (training.base, &training.axes);
+    let neural = crate::neural::Neural::train(&config, base, axes, sequences, keep, progress)?;
     Ok(Body::Neural(Box::new(neural)))
 }
 
 #[cfg(not(feature = "networks"))]
-fn neural(_: &Training, _: &[&Sequence], _: &mut dyn FnMut(&Progress)) -> Result<Body, ModelError> {
+fn neural(
+    _: &Training,
+    _: &[&Sequence],
+    _: Option<&Keep>,
+    _: &mut dyn FnMut(&Progress),
+) -> Result<Body, ModelError> {
     Err(ModelError::Data(NOT_BUILT.to_owned()))
 }
 
@@ -196,6 +206,7 @@ const NOT_BUILT: &str =
 fn body(
     training: &Training,
     sequences: &[&Sequence],
+    keep: Option<&Keep>,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Body, ModelError> {
     let physics = || Physics::train(training.base, sequences, &training.axes);
@@ -224,7 +235,7 @@ fn body(
             sequences,
         )?)),
         Kind::Mlp | Kind::Gru | Kind::Lstm | Kind::Convolution | Kind::CarriedGru => {
-            neural(training, sequences, progress)?
+            neural(training, sequences, keep, progress)?
         }
     })
 }
@@ -272,7 +283,8 @@ impl Estimator {
                 sequences.len()
             ),
         });
-        let model = body(training, sequences, progress)?;
+        let keep = training.networks.keep.as_ref();
+        let model = body(training, sequences, keep, progress)?;
         let mut estimator = Self {
             kind: training.kind,
             robot: training.robot.clone(),
@@ -554,7 +566,7 @@ fn calibrated(
                 .is_some_and(|p| p % folds == fold)
         };
         let rest: Vec<&Sequence> = sequences.iter().copied().filter(|s| !held(s)).collect();
-        let body = body(training, &rest, progress)?;
+        let body = body(training, &rest, None, progress)?;
         for sequence in sequences.iter().filter(|s| held(s)) {
             held_out.push(held_out_of(body.model(), sequence, training.axes.len()));
             after_breaks(training, body.model(), sequence, &mut started);

@@ -49,6 +49,12 @@ impl Kind {
         Self::Hybrid,
     ];
 
+    /// Whether it is a neural network.
+    #[must_use]
+    pub fn is_network(self) -> bool {
+        Self::NETWORKS.contains(&self)
+    }
+
     /// Name in commands and files.
     #[must_use]
     pub const fn name(self) -> &'static str {

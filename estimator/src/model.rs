@@ -37,6 +37,15 @@ impl fmt::Display for Epochs {
     }
 }
 
+/// The file that keeps a network's training after each epoch.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Keep {
+    /// File.
+    pub file: std::path::PathBuf,
+    /// Whether the training goes on from it.
+    pub resume: bool,
+}
+
 /// What a training reports while it goes on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {

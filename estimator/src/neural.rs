@@ -5,7 +5,7 @@
 //! filter is causal.
 
 use crate::geometry::{tip_in_0, Base};
-use crate::model::{Model, ModelError, Progress, Stepper};
+use crate::model::{Keep, Model, ModelError, Progress, Stepper};
 use crate::motion::{Moment, Motion};
 use crate::network::{self, Config, Network};
 use crate::sequence::Sequence;
@@ -146,19 +146,20 @@ impl Neural {
     /// Trains on sequences with the force's three components as targets.
     ///
     /// # Errors
-    /// What [`network::train`] refuses.
+    /// What [`network::train_kept`] refuses.
     pub fn train(
         config: &Config,
         base: Base,
         axes: &[usize],
         sequences: &[&Sequence],
+        keep: Option<&Keep>,
         progress: &mut dyn FnMut(&Progress),
     ) -> Result<Self, ModelError> {
         let rows: Vec<Sequence> = sequences
             .iter()
             .map(|s| featured(s, &base, &s.with_axes(axes)))
             .collect();
-        let network = network::train(config, &rows, &[], progress)?;
+        let network = network::train_kept(config, &rows, &[], keep, progress)?;
         Ok(Self {
             network,
             base,

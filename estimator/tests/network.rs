@@ -3,8 +3,8 @@
 #![cfg(feature = "networks")]
 
 use estimator::{
-    model::{Model, ModelError},
-    network::{load, train, Backend, Config, Kind, Loss, Network},
+    model::{Keep, Model, ModelError},
+    network::{load, train, train_kept, Backend, Config, Kind, Loss, Network},
     sequence::Sequence,
 };
 use rand::{RngExt, SeedableRng};
@@ -507,4 +507,100 @@ fn parameters_are_counted_as_keras_counts_them() {
     assert_eq!(count(Kind::Lstm, 264, 3), 236_803);
     // Keras: GRU(100) on 9 inputs 33,300, GRU(100) 60,600, Dense(100) 10,100, Dense(1) 101.
     assert_eq!(count(Kind::Gru, 9, 1), 33_300 + 60_600 + 10_100 + 101);
+}
+
+/// Ends the training as a kill does, at the beginning of a pass.
+fn broken_off(config: &Config, training: &[Sequence], validation: &[Sequence], keep: &Keep) {
+    let killed = std::panic::catch_unwind(|| {
+        train_kept(config, training, validation, Some(keep), &mut |progress| {
+            assert!(!progress.text.starts_with("epoch 3"), "killed");
+        })
+    });
+    assert!(killed.is_err(), "the training came to the third pass");
+}
+
+#[test]
+fn a_training_that_was_broken_off_goes_on_to_the_same_weights() {
+    let training: Vec<Sequence> = (1..4).map(|trial| sequence(trial, 400)).collect();
+    let validation = [sequence(5, 300)];
+    let folder = tempfile::tempdir().expect("a folder");
+    for kind in KINDS {
+        let config = Config {
+            epochs: 4,
+            dropout: 0.2,
+            keep_best: true,
+            // A rate that falls: the last pass would be another one at the first rate.
+            final_rate: 0.1,
+            ..quick(kind)
+        };
+        let keep = |resume| Keep {
+            file: folder.path().join(format!("{kind:?}.training")),
+            resume,
+        };
+        let whole = train(&config, &training, &validation, &mut |_| {}).expect("good data");
+        broken_off(&config, &training, &validation, &keep(false));
+        let go_on = |config: &Config, training: &[Sequence]| {
+            train_kept(
+                config,
+                training,
+                &validation,
+                Some(&keep(true)),
+                &mut |_| {},
+            )
+        };
+        // A training of other settings or data does not go on from it.
+        let other = Config {
+            seed: 2,
+            ..config.clone()
+        };
+        for (refused, words) in [
+            (go_on(&other, &training), "other settings"),
+            (go_on(&config, &training[1..]), "other data"),
+        ] {
+            let error = refused.expect_err(words).to_string();
+            assert!(
+                error.contains(words) && error.contains(".training"),
+                "{error}"
+            );
+        }
+        let on = go_on(&config, &training).expect("it goes on");
+        assert_eq!(on.epochs().len(), 4);
+        assert!(on.to_bytes() == whole.to_bytes(), "{kind:?}: other weights");
+        // One that is whole has nothing left to do.
+        let again = go_on(&config, &training).expect("it goes on");
+        assert!(
+            again.to_bytes() == whole.to_bytes(),
+            "{kind:?}: other weights"
+        );
+    }
+}
+
+#[test]
+fn a_training_does_not_go_on_from_a_damaged_file() {
+    let training = [sequence(1, 300)];
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("mlp.training");
+    let config = Config {
+        epochs: 4,
+        ..quick(Kind::Mlp)
+    };
+    let keep = |resume| Keep {
+        file: file.clone(),
+        resume,
+    };
+    let error = |words: &str| {
+        let refused = train_kept(&config, &training, &[], Some(&keep(true)), &mut |_| {});
+        let error = refused.expect_err(words).to_string();
+        assert!(
+            error.contains(words) && error.contains("--resume"),
+            "{error}"
+        );
+    };
+    error("can't be read");
+    broken_off(&config, &training, &[], &keep(false));
+    let whole = std::fs::read(&file).expect("it was written");
+    for length in [0, 7, 100, whole.len() / 2, whole.len() - 1] {
+        std::fs::write(&file, &whole[..length]).expect("a file");
+        error("it is no file of a training");
+    }
 }

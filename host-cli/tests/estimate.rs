@@ -527,7 +527,7 @@ fn trials_without_numbers_and_a_single_trial_are_refused() {
 }
 
 #[test]
-fn an_exported_network_has_a_card_of_its_inputs() {
+fn a_network_goes_on_where_it_ended_and_its_export_has_a_card_of_its_inputs() {
     let temporary = folder();
     let folder = temporary.path();
     day(&folder.join("day"), 3.0, &[]);
@@ -541,6 +541,23 @@ fn an_exported_network_has_a_card_of_its_inputs() {
     assert_eq!(trained.code, Some(0), "{trained:?}");
     let ended = "of 100000; --limit ended the training";
     assert!(trained.out.contains(ended), "{trained:?}");
+    // Whole passes are kept for `--resume`, and not lost to a training that begins anew.
+    assert!(folder.join("net.model.training").is_file());
+    let again = "estimate train day --model carried-gru --no-intervals --rate 10 --limit 0.1 --epochs 100000";
+    let words = ["net.model.training", "--resume goes on with it"];
+    expect(folder, &format!("{again} --out net.model"), 2, &words);
+    let other = format!("{again} --seed 2 --resume --out net.model");
+    expect(folder, &other, 2, &["other settings"]);
+    let on = format!("{again} --resume --out net.model");
+    expect(folder, &on, 0, &["--limit ended the training"]);
+    let none = format!("{again} --resume --out other.model");
+    expect(folder, &none, 2, &["other.model.training", "can't be read"]);
+    let linear = "estimate train day --resume --model linear --no-intervals --out l.model";
+    expect(folder, linear, 2, &["`linear` is no network"]);
+    // A training that is whole leaves nothing to go on from.
+    let whole = "estimate train day --model carried-gru --no-intervals --rate 10 --epochs 1 --out whole.model";
+    expect(folder, whole, 0, &[]);
+    assert!(!folder.join("whole.model.training").exists());
     let before = std::fs::read(folder.join("net.model")).unwrap();
     let export = "estimate export net.model --out";
     let lost = ["is the model file and would be lost"];

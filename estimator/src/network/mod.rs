@@ -10,11 +10,13 @@
 //! | `normal` | statistics of batch normalisations |
 //! | `runner` | the forward pass in plain Rust |
 //! | `store`, `onnx` | the model file and the ONNX export |
+//! | `checkpoint` | the file from which a broken-off training goes on |
 //!
 //! A network normalises its inputs and targets itself, by the mean and deviation of the training
 //! rows, which are part of it.
 
 mod batch;
+mod checkpoint;
 pub mod convolution;
 mod data;
 pub mod gru;
@@ -35,7 +37,7 @@ use serde::{Deserialize, Serialize};
 
 pub use data::Scaling;
 pub use store::load;
-pub use training::train;
+pub use training::{train, train_kept};
 
 use crate::{
     model::{Epochs, Model, ModelError, Stepper},

@@ -1,10 +1,10 @@
 //! The training loop.
 
-use std::time::Instant;
+use std::{path::Path, time::Instant};
 
 use burn::{
     grad_clipping::GradientClippingConfig,
-    module::{Module, Param},
+    module::{Module, Param, ParamId},
     optim::{AdamConfig, GradientsParams, ModuleOptimizer},
     tensor::{Device, Tensor},
 };
@@ -13,12 +13,13 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{
     batch::{frames, matrix, predict_rows, tensor, values},
+    checkpoint::{generator, Standing as Stored},
     data::{self, At, Rows, Scaling},
     layer::{self, forward, Dropout, Layer, Run},
     normal, Config, Epoch, Loss, Network, Reads,
 };
 use crate::{
-    model::{Model, ModelError, Progress},
+    model::{Keep, Model, ModelError, Progress},
     sequence::Sequence,
 };
 
@@ -52,6 +53,22 @@ pub fn train(
     validation: &[Sequence],
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Network, ModelError> {
+    train_kept(config, training, validation, None, progress)
+}
+
+/// The same with a file after each epoch, from which a training that was broken off goes on. It
+/// gives the same weights, to the byte, as one that was not.
+///
+/// # Errors
+///
+/// As [`train`]; the file can't be written, or is to be gone on from and is not of this training.
+pub fn train_kept(
+    config: &Config,
+    training: &[Sequence],
+    validation: &[Sequence],
+    keep: Option<&Keep>,
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Network, ModelError> {
     config.check()?;
     let first = training
         .iter()
@@ -83,7 +100,13 @@ pub fn train(
         layers,
         epochs: Vec::new(),
     };
-    Trainer::new(network, rows, random)?.run(validation, progress)
+    let count = training.iter().map(Sequence::rows).sum();
+    let mut trainer = Trainer::new(network, rows, random)?;
+    let best = match keep {
+        Some(keep) if keep.resume => trainer.go_on(&keep.file, count)?,
+        _ => None,
+    };
+    trainer.run(validation, best, keep.map(|keep| (keep, count)), progress)
 }
 
 /// A training under way.
@@ -96,6 +119,31 @@ struct Trainer {
     dropout: Dropout,
     random: ChaCha8Rng,
     begun: Instant,
+    /// Share of the training that was done when it began, or went on.
+    done_before: f64,
+}
+
+/// Validation error, N, and layers of the best epoch.
+type Best = Option<(f64, Vec<Layer>)>;
+
+/// The weights as what the optimiser changes. Their numbers are always the same: its state in a
+/// file is by them.
+fn parameters(layers: &[Layer], device: &Device) -> Parameters {
+    let parts = layers.iter().flat_map(Layer::parts);
+    let values = (1_u64..)
+        .zip(parts)
+        .map(|(id, part)| {
+            let mut value = Param::from_tensor(tensor(&part, device));
+            value.id = ParamId::from(id);
+            value
+        })
+        .collect();
+    Parameters { values }
+}
+
+/// Seed of the zeros of the dropout.
+const fn dropout_seed(config: &Config) -> u64 {
+    config.seed ^ 0x6472_6f70
 }
 
 /// Where a training stands: for the rate and the time left.
@@ -109,10 +157,7 @@ impl Trainer {
     fn new(network: Network, rows: Rows, random: ChaCha8Rng) -> Result<Self, ModelError> {
         let config = &network.config;
         let device = config.backend.device()?.autodiff();
-        let values = network.layers.iter().flat_map(Layer::parts);
-        let values = values
-            .map(|part| Param::from_tensor(tensor(&part, &device)))
-            .collect();
+        let parameters = parameters(&network.layers, &device);
         let recurrent = network.layers.iter().any(|layer| layer.memory() > 0);
         let optimiser = AdamConfig::new()
             // The value of Keras.
@@ -121,28 +166,62 @@ impl Trainer {
             .init();
         let dropout = Dropout {
             share: config.dropout,
-            random: ChaCha8Rng::seed_from_u64(config.seed ^ 0x6472_6f70),
+            random: ChaCha8Rng::seed_from_u64(dropout_seed(config)),
         };
         Ok(Self {
             rows,
             device,
-            parameters: Some(Parameters { values }),
+            parameters: Some(parameters),
             optimiser,
             dropout,
             random,
             begun: Instant::now(),
+            done_before: 0.0,
             network,
         })
+    }
+
+    /// Takes up the training of a file. Returns its best epoch.
+    fn go_on(&mut self, file: &Path, rows: usize) -> Result<Best, ModelError> {
+        let (stored, optimiser) = Stored::read(file, &self.network, rows)?;
+        let config = &self.network.config;
+        self.random = generator(config.seed, stored.drawn);
+        self.dropout.random = generator(dropout_seed(config), stored.drawn_dropout);
+        self.optimiser = (self.optimiser.clone())
+            .from_bytes(optimiser)
+            .map_err(|error| ModelError::Data(format!("{}: {error}", file.display())))?;
+        self.parameters = Some(parameters(&stored.network.layers, &self.device));
+        self.network.layers = stored.network.layers;
+        self.network.epochs = stored.network.epochs;
+        self.done_before = self.network.epochs.len() as f64 / config.epochs as f64;
+        Ok(stored.best.map(|(mae_n, best)| (mae_n, best.layers)))
+    }
+
+    /// Writes the file from which the training goes on.
+    fn keep(&self, file: &Path, rows: usize, best: &Best) -> Result<(), ModelError> {
+        let with = |layers: &Vec<Layer>| Network {
+            layers: layers.clone(),
+            ..self.network.clone()
+        };
+        let stored = Stored {
+            network: self.network.clone(),
+            best: best.as_ref().map(|(mae_n, layers)| (*mae_n, with(layers))),
+            rows,
+            drawn: self.random.get_word_pos(),
+            drawn_dropout: self.dropout.random.get_word_pos(),
+        };
+        stored.write(&self.optimiser, file)
     }
 
     fn run(
         mut self,
         validation: &[Sequence],
+        mut best: Best,
+        keep: Option<(&Keep, usize)>,
         progress: &mut dyn FnMut(&Progress),
     ) -> Result<Network, ModelError> {
         let epochs = self.network.config.epochs;
-        let mut best: Option<(f64, Vec<Layer>)> = None;
-        for epoch in 1..=epochs {
+        for epoch in self.network.epochs.len() + 1..=epochs {
             let whole = match self.network.config.reads() {
                 Reads::Carried => self.carried_epoch(epoch, progress)?,
                 Reads::Row | Reads::Window => self.windowed_epoch(epoch, progress)?,
@@ -179,6 +258,9 @@ impl Trainer {
             }
             if whole.cut {
                 break;
+            }
+            if let Some((keep, rows)) = keep {
+                self.keep(&keep.file, rows, &best)?;
             }
         }
         if let Some((_, layers)) = best {
@@ -442,7 +524,7 @@ impl Trainer {
         let config = &self.network.config;
         let spent = self.begun.elapsed().as_secs_f64();
         let done = standing.done(config.epochs);
-        let mut left = spent / done.max(1e-9) * (1.0 - done);
+        let mut left = spent / (done - self.done_before).max(1e-9) * (1.0 - done);
         if let Some(limit) = config.limit_s {
             left = left.min((limit - spent).max(0.0));
         }

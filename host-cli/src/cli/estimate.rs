@@ -13,7 +13,7 @@ use estimate::evaluate::{Replay, Streamed};
 use estimate::explain::JOINTS;
 use estimate::{self, evaluate, load, Data};
 use estimator::data::{Label, Mapping};
-use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
+use estimator::estimator::{Estimator, Keep, Kind, NetworkLimits, Training};
 use estimator::model::Progress;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
@@ -100,6 +100,10 @@ struct Train {
     /// Time after which a network's training ends, s
     #[arg(long, value_name = "SECONDS", value_parser = crate::cli::values::seconds)]
     limit: Option<f64>,
+    /// Go on with a network's training that was broken off or ended by --limit, from the last
+    /// whole pass in FILE.training beside the model file
+    #[arg(long)]
+    resume: bool,
     /// Train a network on an NVIDIA GPU (built with `--features cuda`)
     #[arg(long)]
     gpu: bool,
@@ -386,6 +390,7 @@ impl Train {
         // Now, and not after the minutes of a training that would be lost.
         evaluate::testable(&data.of(&test)).map_err(Failure::usage)?;
         estimate::report::probe_file(&self.out)?;
+        let keep = self.keep()?;
         let settings = Training {
             kind: self.model,
             axes: if self.all_axes {
@@ -403,6 +408,7 @@ impl Train {
                 epochs: self.epochs,
                 limit_s: self.limit,
                 gpu: self.gpu,
+                keep: keep.clone(),
             },
             intervals: !self.no_intervals,
             absent: data.absent.clone(),
@@ -431,6 +437,10 @@ impl Train {
             .to_json()
             .map_err(|error| Failure::new(exit::FILE, error))?;
         std::fs::write(&self.out, text).map_err(|error| Failure::file(&self.out, &error))?;
+        // A training that the limit ended can go on.
+        if let (Some(keep), Some(false)) = (keep, trained.epochs().map(|epochs| epochs.cut)) {
+            std::fs::remove_file(&keep.file).map_err(|error| Failure::file(&keep.file, &error))?;
+        }
         let sha = sha256(&self.out)?;
         let card = ModelCard::new(&trained, sha, &data, &run, Some(evaluation));
         let written = card
@@ -449,6 +459,32 @@ impl Train {
             written.display()
         );
         Ok(Reply::new(text, json!(card)))
+    }
+}
+
+impl Train {
+    /// Where a network's training is kept.
+    fn keep(&self) -> Result<Option<Keep>> {
+        if !self.model.is_network() {
+            return if self.resume {
+                Err(Failure::usage(format!(
+                    "--resume: `{}` is no network and trains in one go; leave it out",
+                    self.model.name()
+                )))
+            } else {
+                Ok(None)
+            };
+        }
+        let mut file = self.out.clone().into_os_string();
+        file.push(".training");
+        let (file, resume) = (PathBuf::from(file), self.resume);
+        if !resume && file.exists() {
+            return Err(Failure::usage(format!(
+                "{}: a training was broken off there: --resume goes on with it; remove the file to begin anew",
+                file.display()
+            )));
+        }
+        Ok(Some(Keep { file, resume }))
     }
 }
 

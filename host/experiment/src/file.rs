@@ -407,6 +407,22 @@ impl Experiment {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use robot::arm::ChangeConfig;
+
+    #[test]
+    fn the_kind_arm_has_the_default_experiment_but_for_the_changes() {
+        let text = include_str!("../../../docs/estimation/sets/kind.toml");
+        let mut kind = Experiment::parse("kind.toml", text).unwrap();
+        let thesis = Experiment::thesis().unwrap();
+        assert_ne!(kind.robot, thesis.robot);
+        let SourceConfig::Virtual(robot) = &mut kind.robot else {
+            panic!("it is virtual");
+        };
+        assert!(robot.arm.change.is_none());
+        robot.arm.change = ChangeConfig::STANDARD;
+        kind.name.clone_from(&thesis.name);
+        assert_eq!(kind, thesis);
+    }
 
     #[test]
     fn the_default_file_is_the_experiment_of_the_thesis() {
@@ -422,6 +438,11 @@ mod tests {
         };
         assert_eq!((pretension_n, largest_n), (2.0, 4.5));
         assert_eq!(thesis.force.axis().unwrap(), Vector3::y());
+        // The virtual arm is not the same in every trial.
+        let SourceConfig::Virtual(robot) = &thesis.robot else {
+            panic!("it is virtual");
+        };
+        assert_eq!(robot.arm.change, ChangeConfig::STANDARD);
         let quick = thesis.quick();
         assert_eq!(quick.trials as f64 * quick.trial_s(), 60.0);
         assert_ne!(thesis.hash(), quick.hash());

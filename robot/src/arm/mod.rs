@@ -205,6 +205,7 @@ impl VirtualArm {
         for i in 0..3 {
             parameters.torque_gain[i] *= change.gain[i];
             parameters.current_offset_a[i] += change.offset_a[i];
+            parameters.homing[i] += change.homing[i];
         }
         let body = Body::new(core::array::from_fn(|i| {
             MASS_KG[i] * parameters.mass_factor[i]

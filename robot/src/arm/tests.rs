@@ -291,9 +291,10 @@ fn each_change_is_in_the_efforts_and_no_change_is_none() {
         set(&mut change);
         change
     };
-    let changes: [(&str, ChangeConfig); 7] = [
+    let changes: [(&str, ChangeConfig); 8] = [
         ("warm_up", with(|c| c.warm_up = 0.07)),
         ("friction", with(|c| c.friction = -0.06)),
+        ("friction_sd", with(|c| c.friction_sd = 0.06)),
         ("gain", with(|c| c.gain_sd = 0.03)),
         ("offset", with(|c| c.offset_sd_a = 0.012)),
         ("ripple", with(|c| c.ripple = 0.2)),
@@ -308,9 +309,11 @@ fn each_change_is_in_the_efforts_and_no_change_is_none() {
             "{name}: {efforts:?} {none:?}"
         );
     }
-    // Amplifiers are other ones in each trial, gears are not.
+    // Amplifiers and tensions are other ones in each trial, gears are not.
     let offset = with(|c| c.offset_sd_a = 0.012);
     assert_ne!(free(offset, 1), free(offset, 2));
+    let level = with(|c| c.friction_sd = 0.06);
+    assert_ne!(free(level, 1), free(level, 2));
     let ripple = with(|c| c.ripple = 0.2);
     assert_eq!(free(ripple, 1), free(ripple, 2));
     let wrong = ArmConfig {
@@ -319,4 +322,29 @@ fn each_change_is_in_the_efforts_and_no_change_is_none() {
     };
     let error = VirtualArm::new(&wrong, 1).unwrap_err().to_string();
     assert!(error.contains("change.ripple = 2"), "{error}");
+}
+
+#[test]
+fn each_trial_homes_anew_where_the_zeros_change() {
+    let reported = |homing_sd, session| {
+        let config = ArmConfig {
+            change: ChangeConfig {
+                homing_sd,
+                ..ChangeConfig::default()
+            },
+            session,
+            ..ArmConfig::default()
+        };
+        let mut arm = VirtualArm::new(&config, 3).unwrap();
+        run(&mut arm, 0.01, false, [0.0; 3]);
+        arm.state().joints.unwrap().position
+    };
+    assert_eq!(reported(0.0, 1), reported(0.0, 2));
+    let (one, other) = (reported(1.0, 1), reported(1.0, 2));
+    for i in 0..3 {
+        let moved = (one[i] - other[i]).abs();
+        // 2.5 standard deviations to each side, and a count of the encoder.
+        let most = 5.0 * super::parameters::HOMING_SD[i] + 1e-3;
+        assert!(moved > 1e-6 && moved < most, "{i}: {moved}");
+    }
 }
