@@ -217,7 +217,7 @@ fn further() -> Vec<Foreign> {
         text("names of rows without a name", "a.txt", of("\"time\" \"command\" \"velocity\" \"force\"", &|i, v| format!("\"{}\" {}", i + 1, cells(&four(v), " ")))),
         text("an index without a name", "a.csv", of(",time,command,velocity,force", &|i, v| format!("{i},{}", point(v)))),
         text("an oscilloscope's step beside the names", "a.csv", of("X,CH1,CH2,CH3,Start,Increment,\nSequence,Volt,Volt,Volt,-1.0e+00,1.0e-02", &|i, v| format!("{i},{},", rest(v)))),
-        text("a time for each channel", "a.csv", of("Name;axis 1\nFile;a.csv\n\nName;F_soll;Name;v_ist;Name;F_ist\nSampleTime[ms];10;SampleTime[ms];10;SampleTime[ms];10\nData-Type;REAL64;Data-Type;REAL64;Data-Type;REAL64\n", &|i, [_, c, v, _, f]| format!("{0};{c:.4};{0};{v:.4};{0};{f:.4}", 10 * i))),
+        text("a time for each channel", "a.csv", of("Name;axis 1\nFile;a.csv\n\nName;F set;Name;speed;Name;force\nSampleTime[ms];10;SampleTime[ms];10;SampleTime[ms];10\nData-Type;REAL64;Data-Type;REAL64;Data-Type;REAL64\n", &|i, [_, c, v, _, f]| format!("{0};{c:.4};{0};{v:.4};{0};{f:.4}", 10 * i))),
         text("a header behind slashes", "a.txt", of("// logger 2\n// t[ms] cmd[N] vel[rad/s] f[N]", &|i, v| format!("{} {}", 10 * i, cells(&four(v)[1..], " ")))),
         text("lines that end with a carriage return", "a.csv", of(names, &|_, v| point(v)).replace('\n', "\r")),
         text("a time in minutes", "a.txt", of("  Time/min   Cmd/N   Vel/(rad/s)  Force/N", &|_, v| format!("{:12.8} {}", v[0] / 60.0, cells(&four(v)[1..], " ")))),
