@@ -464,11 +464,22 @@ impl Log {
             .map(|(n, row)| {
                 let cells: Vec<&Cell> = columns.iter().map(|k| &row[*k]).collect();
                 let time = utc_ns(&cells);
-                if time == Err(NoTime::NoZone) {
+                let unclear = match time {
+                    Err(NoTime::NoZone) => Some((
+                        "a time without a zone",
+                        "write the zone behind each time: Z for UTC, +01:00 for an hour more than UTC",
+                    )),
+                    Err(NoTime::Unsure) => Some((
+                        "a date whose day and month may be exchanged",
+                        "write the year first: 2026-03-04",
+                    )),
+                    _ => None,
+                };
+                if let Some((what, advice)) = unclear {
                     return Err(RecordError {
                         path: self.path.clone(),
-                        cause: format!("row {} has a time without a zone in `{}`: {cells:?}", n + 1, options.time),
-                        advice: "write the zone behind each time: Z for UTC, +01:00 for an hour more than UTC",
+                        cause: format!("row {} has {what} in `{}`: {cells:?}", n + 1, options.time),
+                        advice,
                     });
                 }
                 time.ok()
@@ -493,6 +504,8 @@ impl Log {
 enum NoTime {
     /// A date and a time of day, of a zone that is not told.
     NoZone,
+    /// A date whose day and month may be exchanged.
+    Unsure,
     Other,
 }
 
@@ -526,6 +539,7 @@ fn utc_ns(cells: &[&Cell]) -> Result<i64, NoTime> {
 fn utc_of_text(text: &str) -> Result<i64, NoTime> {
     let stamp = dates::stamp(text).filter(|stamp| stamp.kind == dates::Kind::Both);
     match stamp.ok_or(NoTime::Other)? {
+        stamp if stamp.unsure => Err(NoTime::Unsure),
         stamp if stamp.zoned => Ok(stamp.seconds * 1_000_000_000 + i64::from(stamp.nanoseconds)),
         _ => Err(NoTime::NoZone),
     }
@@ -654,6 +668,10 @@ mod tests {
         for text in ["2026-11-25 20:59:23.877021", "2026-11-25T20:59:23"] {
             assert_eq!(utc(text), Err(NoTime::NoZone), "{text}");
         }
+        for text in ["11/3/2026 20:59:23Z", "3/11/2026 8:59:23 PM"] {
+            assert_eq!(utc(text), Err(NoTime::Unsure), "{text}");
+        }
+        assert!(utc("25/11/2026 20:59:23Z").is_ok());
         for text in [
             "",
             "12.5",

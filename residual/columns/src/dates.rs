@@ -37,11 +37,23 @@ pub struct Stamp {
     pub kind: Kind,
     /// Whether the text tells its zone.
     pub zoned: bool,
+    /// Whether day and month may be exchanged: `4/3/2026` was read with the day first, or with the
+    /// month first where AM or PM is behind it, and is another day elsewhere.
+    pub unsure: bool,
+}
+
+impl Stamp {
+    /// The seconds with their fraction, good to 0.2 us.
+    #[must_use]
+    pub fn value(&self) -> f64 {
+        self.seconds as f64 + 1e-9 * f64::from(self.nanoseconds)
+    }
 }
 
 /// Reads a date, with or without a time of day, or a time of day: `2026-03-04`, `2026/03/04`,
-/// `04.03.2026`, `23:59:50.010`, both with a blank or a T between them, with a zone behind them
-/// (`Z`, `UTC`, `+01:00`, `-0330`, `+01`) or none. `None` of any other text.
+/// `20260304`, `04.03.2026`, `04/03/2026`, `04-Mar-2026`, `23:59:50.010`, `23:59:50:010`,
+/// `11:59:50 PM`, both with a blank or a T between them, with a zone behind them (`Z`, `UTC`,
+/// `+01:00`, `-0330`, `+01`) or none. `None` of any other text, and of eight digits alone.
 #[must_use]
 pub fn stamp(cell: &str) -> Option<Stamp> {
     let cell = cell.trim().trim_matches('"');
@@ -49,22 +61,39 @@ pub fn stamp(cell: &str) -> Option<Stamp> {
     if !(8..=40).contains(&cell.len()) || !cell.starts_with(|c: char| c.is_ascii_digit()) {
         return None;
     }
-    if let Some(seconds) = date(cell) {
+    if let Some(day) = date(cell, false) {
         return Some(Stamp {
-            seconds,
+            seconds: day.seconds,
             nanoseconds: 0,
             kind: Kind::Date,
             zoned: false,
+            unsure: day.unsure,
         });
     }
-    if let Some(stamp) = time_of_day(cell) {
+    if let Some((stamp, _)) = time_of_day(cell) {
         return Some(stamp);
     }
     let (day, time) = cell.split_once(['T', ' '])?;
-    let time = time_of_day(time.trim())?;
+    if let Some((stamp, half)) = time_of_day(time.trim()) {
+        return both(date(day, half)?, stamp);
+    }
+    // Without marks: 20260304T235950.010Z.
+    let (whole, rest) = time.split_at_checked(6)?;
+    let digits = |text: &str| text.bytes().all(|b| b.is_ascii_digit());
+    if day.len() != 8 || !digits(day) || !digits(whole) {
+        return None;
+    }
+    let day = format!("{}-{}-{}", &day[..4], &day[4..6], &day[6..]);
+    let time = format!("{}:{}:{}{rest}", &whole[..2], &whole[2..4], &whole[4..]);
+    both(date(&day, false)?, time_of_day(&time)?.0)
+}
+
+/// A day and a time of day.
+fn both(day: Day, time: Stamp) -> Option<Stamp> {
     Some(Stamp {
-        seconds: date(day)? + time.seconds,
+        seconds: day.seconds + time.seconds,
         kind: Kind::Both,
+        unsure: day.unsure,
         ..time
     })
 }
@@ -72,9 +101,7 @@ pub fn stamp(cell: &str) -> Option<Stamp> {
 /// As [`stamp`], in seconds. Their fraction is good to 0.2 us.
 #[must_use]
 pub fn seconds(cell: &str) -> Option<(f64, Kind)> {
-    let stamp = stamp(cell)?;
-    let seconds = stamp.seconds as f64 + 1e-9 * f64::from(stamp.nanoseconds);
-    Some((seconds, stamp.kind))
+    stamp(cell).map(|stamp| (stamp.value(), stamp.kind))
 }
 
 /// The parts of a text, all numbers.
@@ -87,14 +114,68 @@ fn numbers(text: &str, mark: char) -> Option<[u32; 3]> {
     parts.next().is_none().then_some(all)
 }
 
-fn date(text: &str) -> Option<i64> {
+/// A day, by its midnight.
+struct Day {
+    /// Seconds since 1970.
+    seconds: i64,
+    unsure: bool,
+}
+
+/// First letters of the months, in English, then as others write them: MATLAB writes those of the
+/// system's language.
+const MONTHS: [(&str, u32); 16] = [
+    ("jan", 1),
+    ("feb", 2),
+    ("mar", 3),
+    ("apr", 4),
+    ("may", 5),
+    ("jun", 6),
+    ("jul", 7),
+    ("aug", 8),
+    ("sep", 9),
+    ("oct", 10),
+    ("nov", 11),
+    ("dec", 12),
+    ("mär", 3),
+    ("mai", 5),
+    ("okt", 10),
+    ("dez", 12),
+];
+
+/// The month that stands as a word in the middle of a date, as a number there.
+fn with_month_as_number(text: &str) -> Option<String> {
+    let mut parts = text.split('-');
+    let (day, month, year) = (parts.next()?, parts.next()?, parts.next()?);
+    let month = month.to_lowercase();
+    let number = MONTHS.iter().find(|(word, _)| month == *word)?.1;
+    parts
+        .next()
+        .is_none()
+        .then(|| format!("{day}.{number}.{year}"))
+}
+
+/// A date; `half` tells whether the time behind it is one of AM or PM, as in America, where the
+/// month comes first.
+fn date(text: &str, half: bool) -> Option<Day> {
     let year_first = numbers(text, '-').or_else(|| numbers(text, '/'));
+    let word = with_month_as_number(text);
+    let mut unsure = false;
     let [year, month, day] = match year_first {
         Some(all) if all[0] >= 1900 => all,
-        // Days come first only where points separate: 4/3/2026 is another day in America.
         _ => {
-            let [day, month, year] = numbers(text, '.')?;
-            [year, month, day]
+            let text = word.as_deref().unwrap_or(text);
+            if let Some([day, month, year]) = numbers(text, '.') {
+                [year, month, day]
+            } else {
+                let [a, b, year] = numbers(text, '/')?;
+                let month_first = b > 12 || (half && a <= 12);
+                unsure = a <= 12 && b <= 12 && a != b;
+                if month_first {
+                    [year, a, b]
+                } else {
+                    [year, b, a]
+                }
+            }
         }
     };
     if !(1900..2200).contains(&year) || !(1..=12).contains(&month) || !(1..=31).contains(&day) {
@@ -107,27 +188,58 @@ fn date(text: &str) -> Option<i64> {
         (year - 1, month + 9)
     };
     let days = 365 * y + y / 4 - y / 100 + y / 400 + (153 * m + 2) / 5 + day - 1;
-    Some((i64::from(days) - 719_468) * DAY_S)
+    Some(Day {
+        seconds: (i64::from(days) - 719_468) * DAY_S,
+        unsure,
+    })
 }
 
-fn time_of_day(text: &str) -> Option<Stamp> {
+/// The hours to add for AM or PM at the end of a time, and the time before them: `AM`, `p. m.`.
+fn half_of_day(text: &str) -> Option<(u32, &str)> {
+    let lower = text.to_ascii_lowercase();
+    let bare = lower.trim_end_matches('.');
+    let before = bare
+        .strip_suffix('m')?
+        .trim_end_matches([' ', '.', '\u{a0}']);
+    let hours = match before.chars().last()? {
+        'a' => 0,
+        'p' => 12,
+        _ => return None,
+    };
+    Some((hours, text[..before.len() - 1].trim_end()))
+}
+
+/// A time of day, and whether AM or PM tells its half.
+fn time_of_day(text: &str) -> Option<(Stamp, bool)> {
+    let half = half_of_day(text);
+    let (add, text) = half.unwrap_or((0, text));
     let zone_at = text.find(['Z', 'z', 'U', '+', '-']).unwrap_or(text.len());
     let (time, zone) = text.split_at(zone_at);
-    let (whole, fraction) = time
-        .trim()
-        .split_once(['.', ','])
-        .unwrap_or((time.trim(), "0"));
-    let [hours, minutes, seconds] = numbers(whole, ':')?;
+    let time = time.trim();
+    // A third colon stands before thousandths.
+    let last = time
+        .rsplit_once(':')
+        .filter(|_| time.matches(':').count() == 3);
+    let (whole, fraction) = last
+        .or_else(|| time.split_once(['.', ',']))
+        .unwrap_or((time, "0"));
+    let [mut hours, minutes, seconds] = numbers(whole, ':')?;
     let digits = !fraction.is_empty() && fraction.bytes().all(|b| b.is_ascii_digit());
-    if hours > 23 || minutes > 59 || seconds > 60 || !digits {
+    if half.is_some() {
+        hours = (1..=12).contains(&hours).then_some(hours % 12 + add)?;
+    }
+    if hours > 23 || minutes > 59 || seconds > 60 || !digits || last.is_some_and(|l| l.1.len() != 3)
+    {
         return None;
     }
-    Some(Stamp {
+    let stamp = Stamp {
         seconds: i64::from(3600 * hours + 60 * minutes + seconds) - east_s(zone)?,
         nanoseconds: format!("{fraction:0<9}")[..9].parse().ok()?,
         kind: Kind::TimeOfDay,
         zoned: !zone.is_empty(),
-    })
+        unsure: false,
+    };
+    Some((stamp, half.is_some()))
 }
 
 /// Seconds by which a zone is before UTC; 0 without one.
@@ -173,6 +285,21 @@ mod tests {
             ("2026-03-04T10:00:00+01:00", day + 32_400.0, Kind::Both),
             ("04.03.2026 10:00:00 -0330", day + 48_600.0, Kind::Both),
             ("2026-03-04 10:00:00.5 UTC", day + 36_000.5, Kind::Both),
+            ("13/03/2026", day + 9.0 * 86_400.0, Kind::Date),
+            (
+                "3/13/2026 10:00:00",
+                day + 9.0 * 86_400.0 + 36_000.0,
+                Kind::Both,
+            ),
+            ("04/03/2026 10:00:00,25", day + 36_000.25, Kind::Both),
+            ("3/4/2026 12:00:01.5 AM", day + 1.5, Kind::Both),
+            ("3/4/2026 12:00:00 PM", day + 43_200.0, Kind::Both),
+            ("2026-03-04 1:00:00 p. m.", day + 46_800.0, Kind::Both),
+            ("04-Mar-2026 10:00:00.25", day + 36_000.25, Kind::Both),
+            ("04-Mär-2026", day, Kind::Date),
+            ("20260304T100000.25Z", day + 36_000.25, Kind::Both),
+            ("23:59:50:010", 86_390.01, Kind::TimeOfDay),
+            ("11:59:50 PM", 86_390.0, Kind::TimeOfDay),
         ] {
             let (read, of) = seconds(text).unwrap();
             assert!(
@@ -187,7 +314,15 @@ mod tests {
             "192.168.1.1",
             "1.2.3",
             "2026-13-04",
-            "4/3/2026",
+            "4/31/20",
+            "13/13/2026",
+            "04-Foo-2026",
+            "20260304",
+            "20261304T100000",
+            "10:00:00:1",
+            "13:00:00 PM",
+            "0:00:00 AM",
+            "10:00:00 XM",
             "25:00:00",
             "(1.0, 2.0)",
             "21/10/2024-15:52:16",
@@ -214,5 +349,19 @@ mod tests {
             Some((second, 877_021_589, false))
         );
         assert_eq!(of("2026-11-25"), Some((1_795_564_800, 0, false)));
+    }
+
+    #[test]
+    fn a_day_that_may_be_a_month_is_unsure() {
+        for (text, unsure) in [
+            ("4/3/2026 10:00:00Z", true),
+            ("4/3/2026 10:00:00 AM", true),
+            ("4/4/2026 10:00:00Z", false),
+            ("13/3/2026 10:00:00Z", false),
+            ("4.3.2026 10:00:00Z", false),
+            ("2026-03-04T10:00:00Z", false),
+        ] {
+            assert_eq!(stamp(text).map(|s| s.unsure), Some(unsure), "{text}");
+        }
     }
 }

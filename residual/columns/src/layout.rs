@@ -22,6 +22,10 @@ pub struct Input {
     pub skip: usize,
     /// Decimal mark of text files: `.` or `,`.
     pub decimal: String,
+    /// Mark between thousands in the numbers of text files, as `.` in `1.234,5`: one character; a
+    /// blank stands for those of typesetters too. Empty: none.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub thousands: String,
     /// Rows per second of logs without a time column, in Hz: the column that `roles.time` names is
     /// then made from the row numbers. 0: the logs have it.
     #[serde(skip_serializing_if = "is_zero")]
@@ -48,6 +52,7 @@ impl Default for Input {
             comment: String::new(),
             skip: 0,
             decimal: ".".into(),
+            thousands: String::new(),
             rate: 0.0,
             file_name: String::new(),
             messages: vec![],
@@ -68,8 +73,12 @@ impl Input {
                 "input.decimal is \".\" or \",\"",
             ),
             (
-                self.decimal == self.separator,
-                "input.decimal and input.separator are the same: set input.separator = \";\"",
+                self.thousands.chars().count() > 1,
+                "input.thousands is one character, or empty",
+            ),
+            (
+                self.thousands == self.decimal,
+                "input.thousands and input.decimal are the same",
             ),
             (
                 !(self.rate.is_finite() && self.rate >= 0.0),

@@ -23,6 +23,10 @@ impl Effect for DriftTemperature {
             )
         })
     }
+    /// With a lag that is too short to be seen it is the drift without one.
+    fn may_be_at_end(&self, _: &Variant) -> [bool; 2] {
+        [true, false]
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         if ctx.spec.roles.temperature.is_none() {
             return vec![];

@@ -1,7 +1,8 @@
 //! Weight of a part that turns with an angle.
 
 use super::{
-    amplitude_phase, Context, Effect, EffectKind, Estimate, Lookalike, Nature, Piece, Psi, Variant,
+    amplitude_phase, Build, Context, Effect, EffectKind, Estimate, Lookalike, Nature, Piece, Psi,
+    Variant,
 };
 
 use residual_columns::format::num;
@@ -60,6 +61,26 @@ impl Effect for GravityAngle {
             .chain(upright)
             .collect()
     }
+}
+
+/// Orders of ripples that may look like a weight over a part of a turn.
+const ORDERS: [f64; 2] = [0.3, 3.0];
+
+/// The form of a weight over the angle of that label with any order, as a ripple has: a weight has
+/// order 1. `None` where the label is that of no angle.
+#[must_use]
+pub fn weight_of_any_order(label: &str, ctx: &Context) -> Option<Variant> {
+    let mut all = ctx.angles().into_iter().chain(sums(ctx));
+    let (_, q, _) = all.find(|(name, ..)| name == label)?;
+    let unit = ctx.unit().to_string();
+    let grid = Context::log_grid(ORDERS[0], ORDERS[1], 25);
+    let build = move |order: f64| {
+        let piece =
+            |name: &str, f: &str| Piece::new(name, unit.clone(), format!("{f}({order} * ({q}))"));
+        Build::Add(vec![piece("sine", "sin"), piece("cosine", "cos")])
+    };
+    let order = Psi::new("order", "1/turn", grid);
+    Some(Variant::profiled("of any order", order, build))
 }
 
 /// Standard errors by which a weight must predict worse than a line or a curve over an angle to be

@@ -43,6 +43,7 @@ mod viscous;
 pub use angle_friction::sector_of;
 pub use context::Context;
 pub use estimate::Estimate;
+pub use gravity_angle::weight_of_any_order;
 pub use kind::{EffectKind, Form};
 pub use kind::{Found, Friction, Remedy, Setting};
 pub use tone::lines_of_inputs;

@@ -18,6 +18,7 @@ mod contradiction;
 mod equal;
 mod images;
 mod one_sequence;
+mod order;
 mod over_the_angle;
 mod reasons;
 mod refusal;
@@ -176,6 +177,12 @@ pub fn attribute(
             equal.iter().any(same)
         };
         equal.extend(new.filter(|new| !known(new)));
+    }
+    let found = &best.now.outcome;
+    for index in 0..found.chosen.len() {
+        let known = |new: &EqualPath| equal.iter().any(|p| p.effects == new.effects);
+        let ripple = order::ripple_for_weight(search, found, index)?;
+        equal.extend(ripple.filter(|new| !known(new)));
     }
     Ok(Attributed {
         equal,

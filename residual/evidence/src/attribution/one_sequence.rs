@@ -6,7 +6,8 @@ use residual_columns::format::num;
 use residual_columns::linalg::dot;
 use residual_search::{without, Outcome, Search};
 
-/// Size in the other sequences, over that in the one, up to which they do not have an effect.
+/// Size in the other sequences, over that on the whole and that in the one, up to which they do not
+/// have an effect.
 const WITHOUT: f64 = 0.25;
 
 /// Share of what the effect would add in the one sequence that it must add in some other, to be
@@ -54,7 +55,8 @@ pub(super) fn in_one_sequence(
     }))
 }
 
-/// The sequence that alone has an effect, and its mean size in the others.
+/// The sequence that alone has an effect, and its mean size in the others. Sizes are multiples of
+/// that on the whole.
 fn alone(own: &[Own]) -> Option<(usize, f64)> {
     let (index, p, _) = stands_out(own)?;
     let others = mean_of_others(own, index);
@@ -62,7 +64,8 @@ fn alone(own: &[Own]) -> Option<(usize, f64)> {
         .iter()
         .enumerate()
         .any(|(k, o)| k != index && o.weight >= MISSED * own[index].weight);
-    let is_alone = others.abs() <= WITHOUT * own[index].size.abs();
+    // A sequence with little of what the effect depends on has it at any size, by its noise.
+    let is_alone = others.abs() <= WITHOUT * own[index].size.abs().min(1.0);
     (p * own.len() as f64 <= BY_CHANCE && is_alone && missed).then_some((index, others))
 }
 
@@ -85,6 +88,9 @@ mod tests {
         // It is larger there, and elsewhere too.
         let larger = [0.81, 1.9, 0.79, 0.8, 0.82];
         assert_eq!(alone(&own(larger, [1.0; 5])), None);
+        // The others have it as on the whole; in the one it hardly acts, and its size is chance.
+        let chance = [0.98, 5.7, 0.97, 0.98, 0.99];
+        assert_eq!(alone(&own(chance, [1.0, 0.005, 1.0, 1.0, 1.0])), None);
         let all = [0.9, 1.1, 1.0, 0.95, 1.05];
         assert_eq!(alone(&own(all, [1.0; 5])), None);
     }

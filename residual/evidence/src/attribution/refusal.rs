@@ -147,5 +147,8 @@ mod tests {
         assert_eq!(own, [false, false, false, false, true, true]);
         let own = ends(EffectKind::Creep, Form::Other);
         assert_eq!(own, [true, true, false, false, true, true]);
+        // A drift that warms through at once is the plain one.
+        let own = ends(EffectKind::DriftTemperature, Form::Other);
+        assert_eq!(own, [false, false, false, false, true, true]);
     }
 }

@@ -1,7 +1,8 @@
 //! Text logs with several kinds of message, each line with the kind at its head: every kind becomes
 //! a table of its own, and all of them one table at the times of the kind that has the target.
 
-use super::text::{large, no_text, number, open};
+use super::cells::{number, Marks};
+use super::text::{large, no_text, open};
 use super::{rows, stamps, Note, Table};
 use crate::spec::{Action, Message, Spec};
 use residual_columns::error::Error;
@@ -223,8 +224,8 @@ fn add(
             ),
         ));
     }
-    let decimal = if input.decimal == "," { ',' } else { '.' };
-    let value = |(cell, name): (&&str, &String)| match number(cell, decimal) {
+    let marks = Marks::of(input);
+    let value = |(cell, name): (&&str, &String)| match number(cell, marks) {
         Some(x) => {
             let largest = used.get(name).copied().unwrap_or(f64::INFINITY);
             rows::too_large(x, largest).map_or(Ok(x), |why| Err(large(path, at, name, &why)))

@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `files.rs` | which files are logs |
 //! | `text.rs`, `parquet.rs` | one log of each format |
+//! | `cells.rs` | numbers as text |
 //! | `arrow.rs` | which columns of a Parquet log are durations |
 //! | `messages.rs` | text logs with several kinds of message |
 //! | `guess/` | a first model file for logs that nobody has described |
@@ -15,6 +16,7 @@
 
 #[cfg(feature = "parquet")]
 mod arrow;
+mod cells;
 mod copies;
 mod files;
 mod folds;
@@ -57,6 +59,8 @@ pub struct Table {
     notes: Vec<Note>,
     /// Columns of a type of time, converted to s, and what they are.
     times: Vec<(String, &'static str)>,
+    /// Columns whose cells have text around the number, and the unit in it, or an empty text.
+    units: Vec<(String, String)>,
     /// Lines that are no rows, left out by `hygiene.text`.
     broken: usize,
     /// Rows before which such lines stood.

@@ -100,12 +100,13 @@ fn meaning(column: &ColumnDescriptor, durations: &[(String, f64)]) -> Meaning {
 /// Reads one Parquet log.
 pub(super) fn read(path: &Path) -> Result<Table, Error> {
     let fail = |e: String| {
-        let what = if e.contains("Disabled feature") {
-            "its compression is not read; write it with snappy, zstd, gzip or none (in pandas: to_parquet(path, compression=\"snappy\"))"
-        } else {
-            "copy or write the file again"
-        };
-        Error::io(path, format!("cannot be read as Parquet: {e}; {what}"))
+        let codec = e.rsplit_once("Disabled feature at compile time: ");
+        Error::io(path, match codec {
+            Some((_, codec)) => format!(
+                "it is compressed with {codec}, which is not read; write it with snappy, zstd, gzip or none (in pandas: to_parquet(path, compression=\"snappy\"))"
+            ),
+            None => format!("cannot be read as Parquet: {e}; copy or write the file again"),
+        })
     };
     let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
     let reader = SerializedFileReader::new(file).map_err(|e| fail(e.to_string()))?;

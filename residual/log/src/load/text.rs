@@ -1,6 +1,7 @@
 //! Text logs: CSV and relatives, plain or gzip.
 
-use super::{rows, Table};
+use super::cells::{number, Affix, Marks};
+use super::{rows, Note, Table};
 use crate::spec::{Action, Input};
 use residual_columns::dates;
 use residual_columns::error::Error;
@@ -35,7 +36,12 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
         return Ok(Box::new(Cursor::new(text.into_bytes())));
     }
     let gzip = head.starts_with(&[0x1f, 0x8b]);
-    Ok(if gzip {
+    let is_end = |end: u8| head.contains(&end);
+    // As old systems of Apple end lines.
+    let carriages = !gzip && is_end(b'\r') && !is_end(b'\n');
+    Ok(if carriages {
+        Box::new(BufReader::with_capacity(1 << 16, Carriages(file)))
+    } else if gzip {
         Box::new(BufReader::with_capacity(
             1 << 16,
             flate2::bufread::MultiGzDecoder::new(file),
@@ -43,6 +49,19 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     } else {
         Box::new(file)
     })
+}
+
+/// Turns carriage returns into line feeds.
+struct Carriages<R>(R);
+
+impl<R: Read> Read for Carriages<R> {
+    fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
+        let read = self.0.read(buf)?;
+        for byte in buf[..read].iter_mut().filter(|b| **b == b'\r') {
+            *byte = b'\n';
+        }
+        Ok(read)
+    }
 }
 
 /// A text in UTF-16 behind its byte order mark; `None` where it is none.
@@ -326,7 +345,7 @@ fn names(
     }
     let numbers = names
         .iter()
-        .filter(|n| number(n, '.').is_some_and(f64::is_finite));
+        .filter(|n| n.parse::<f64>().is_ok_and(f64::is_finite));
     if input.header.is_empty() && numbers.count() == names.len() {
         return Err(Error::io(
             path,
@@ -360,27 +379,6 @@ fn names(
     Ok(names)
 }
 
-/// The number in a cell: NaN if it is missing, `None` if it is another text.
-pub(super) fn number(cell: &str, decimal: char) -> Option<f64> {
-    if cell.is_empty() {
-        return Some(f64::NAN);
-    }
-    let parsed = if decimal == '.' {
-        cell.parse()
-    } else {
-        cell.replace(decimal, ".").parse()
-    };
-    if let Ok(x) = parsed {
-        return Some(x);
-    }
-    match cell.to_ascii_lowercase().as_str() {
-        "true" => Some(1.0),
-        "false" => Some(0.0),
-        "na" | "null" | "none" => Some(f64::NAN),
-        _ => None,
-    }
-}
-
 /// What stands on one line.
 enum Line {
     /// One value for each column.
@@ -403,9 +401,10 @@ pub(super) fn read(
     let mut csv = open_csv(path, input)?;
     let names = names(&mut csv, path, input)?;
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
-    let mut text: Vec<Option<(String, u64)>> = vec![None; names.len()];
+    let mut seen = vec![Seen::default(); names.len()];
     let mut record = csv::StringRecord::new();
     let mut values: Vec<f64> = Vec::with_capacity(names.len());
+    let of_all = used.is_none();
     let used: Vec<Option<f64>> = names
         .iter()
         .map(|n| used.map_or(Some(f64::INFINITY), |used| used.get(n).copied()))
@@ -413,7 +412,6 @@ pub(super) fn read(
     let mut broken_lines = 0;
     let mut breaks: Vec<usize> = Vec::new();
     let mut first_broken = None;
-    let mut times: Vec<Option<dates::Kind>> = vec![None; names.len()];
     let mut lines: Option<(u64, u64)> = None;
     loop {
         let first = columns.first().is_none_or(Vec::is_empty);
@@ -427,11 +425,12 @@ pub(super) fn read(
                 &Columns {
                     names: &names,
                     used: &used,
+                    of_all,
                     input,
                     path,
                 },
                 first,
-                (&mut text, &mut times),
+                &mut seen,
                 &mut values,
             ),
             Err(e) if matches!(e.kind(), csv::ErrorKind::Utf8 { .. }) => {
@@ -470,13 +469,25 @@ pub(super) fn read(
         first_line: even.map(|(from, _)| from),
         ..Table::default()
     };
-    for (((name, column), text), time) in names.into_iter().zip(columns).zip(text).zip(times) {
-        match text {
+    for ((name, column), seen) in names.into_iter().zip(columns).zip(seen) {
+        match seen.text {
             Some((cell, line)) => table.text.push((name, cell, line)),
             None => {
-                table
-                    .times
-                    .extend(time.map(|kind| (name.clone(), kind.words())));
+                let note = |cell: String| {
+                    Note::new(
+                    "dates",
+                    1,
+                    format!(
+                        "column `{name}`: in `{cell}` day and month may be exchanged. The day was taken as the first, before AM and PM the \
+                         month. It matters for steps over midnight only; with the year first it is sure"
+                    ),
+                )
+                };
+                table.notes.extend(seen.unsure.map(note));
+                let words = seen.time.map(|kind| (name.clone(), kind.words()));
+                table.times.extend(words);
+                let unit = seen.affix.map(|affix| (name.clone(), affix.behind));
+                table.units.extend(unit);
                 table.names.push(name);
                 table.columns.push(column);
             }
@@ -498,15 +509,46 @@ struct Columns<'a> {
     names: &'a [String],
     /// The largest magnitude of a cell, in columns that the model uses.
     used: &'a [Option<f64>],
+    /// Whether all columns are read, since no model says which are used.
+    of_all: bool,
     input: &'a Input,
     path: &'a Path,
 }
 
-/// Column by column: the first text with its line, and the kind of its times.
-type Seen<'a> = (
-    &'a mut [Option<(String, u64)>],
-    &'a mut [Option<dates::Kind>],
-);
+/// What the first row shows of a column that is no plain number.
+#[derive(Default, Clone)]
+struct Seen {
+    /// A text with its line: the column is left out.
+    text: Option<(String, u64)>,
+    /// Dates or times of day.
+    time: Option<dates::Kind>,
+    /// The first date whose day and month may be exchanged.
+    unsure: Option<String>,
+    /// A label or a unit around the number.
+    affix: Option<Affix>,
+}
+
+impl Seen {
+    /// The value of a cell that is no plain number.
+    fn value(&mut self, cell: &str, first: bool, marks: Marks) -> Option<f64> {
+        if self.text.is_some() {
+            return None;
+        }
+        if first || self.time.is_some() {
+            if let Some(stamp) = dates::stamp(cell) {
+                self.time = Some(stamp.kind);
+                if stamp.unsure {
+                    self.unsure.get_or_insert_with(|| cell.to_string());
+                }
+                return Some(stamp.value());
+            }
+        }
+        if first {
+            self.affix = Affix::of(cell, marks);
+        }
+        self.affix.as_ref()?.number(cell, marks)
+    }
+}
 
 /// Reads the cells of one line into `values`. The `first` row says which columns are `text`.
 fn row(
@@ -514,16 +556,17 @@ fn row(
     line: u64,
     columns: &Columns,
     first: bool,
-    (text, times): Seen,
+    seen: &mut [Seen],
     values: &mut Vec<f64>,
 ) -> Line {
     let Columns {
         names,
         used,
+        of_all,
         input,
         path,
     } = columns;
-    let decimal = if input.decimal == "," { ',' } else { '.' };
+    let marks = Marks::of(input);
     if record.len() != names.len() {
         return Line::Broken(Error::io(
             path,
@@ -531,7 +574,9 @@ fn row(
                 "line {line}: {} cells where {} columns are named{}",
                 record.len(),
                 names.len(),
-                if record.len() == 1 && first {
+                if input.decimal == input.separator {
+                    "; input.decimal and input.separator are the same, so each number needs quotation marks: set input.separator = \";\" if that separates"
+                } else if record.len() == 1 && first {
                     "; the separator seems to be another: set input.separator in the model file (\"blank\" for runs of blanks)"
                 } else {
                     "; correct input.header or input.skip in the model file, or the line, or leave such lines out with hygiene.text = \"drop\""
@@ -541,26 +586,20 @@ fn row(
     }
     values.clear();
     for (c, cell) in record.iter().enumerate() {
-        // A column is one of dates if its first cell is a date.
-        let dated = |times: &[Option<dates::Kind>]| {
-            let may_be = text[c].is_none() && (first || times[c].is_some());
-            may_be.then(|| dates::seconds(cell)).flatten()
-        };
+        let seen = &mut seen[c];
         values.push(
-            match number(cell, decimal).or_else(|| {
-                let (seconds, kind) = dated(times)?;
-                times[c] = Some(kind);
-                Some(seconds)
-            }) {
+            match number(cell, marks).or_else(|| seen.value(cell, first, marks)) {
                 Some(x) => match used[c].and_then(|largest| rows::too_large(x, largest)) {
                     None => x,
                     Some(why) => return Line::Broken(large(path, line, &names[c], &why)),
                 },
-                None if text[c].is_some() => f64::NAN,
+                None if seen.text.is_some() => f64::NAN,
                 None if first => {
-                    text[c] = Some((cell.to_string(), line));
+                    seen.text = Some((cell.to_string(), line));
                     f64::NAN
                 }
+                // It may be prose that begins with a number.
+                None if *of_all && seen.affix.is_some() => f64::NAN,
                 None if used[c].is_none() => f64::NAN,
                 None => {
                     return Line::Broken(Error::BadCell {

@@ -162,3 +162,55 @@ fn a_part_that_stands_has_a_weight_and_no_spring() {
         hanging.markdown()
     );
 }
+
+/// Over a part of a turn a ripple of an order near one has the shape of a weight; where its order is
+/// seen to be none of a weight, both names stand.
+#[test]
+fn a_ripple_over_a_part_of_a_turn_may_stand_for_a_weight() {
+    let model = "[roles]\ntime = { column = \"t\", unit = \"s\" }\ntarget = { column = \"y\", unit = \"N·m\" }\n\
+                 angle = { column = \"a\", unit = \"rad\" }\n\
+                 velocity = { column = \"v\", unit = \"rad/s\", deadband = 0.005 }\n\
+                 [selection]\nonly = [\"coulomb\", \"viscous\", \"inertia\", \"gravity_angle\", \"periodic_angle\"]\n\
+                 [[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
+    let names = |order: f64| {
+        let rows = 4 * 1500;
+        let place = |i: usize| (0.02 * (i % 1500) as f64, (i / 1500) as f64);
+        let angle = |i: usize| {
+            let (t, run) = place(i);
+            0.4 + 0.7 * (0.5 * t + run).sin() + 0.3 * (1.37 * t + 2.0 * run).sin()
+        };
+        let velocity = |i: usize| {
+            let (t, run) = place(i);
+            0.35 * (0.5 * t + run).cos() + 0.411 * (1.37 * t + 2.0 * run).cos()
+        };
+        let mut noise = residual_columns::stats::Rng::new(4);
+        let target: Vec<f64> = (0..rows)
+            .map(|i| {
+                0.4 * velocity(i).signum() + (order * angle(i) + 0.6).sin() + 0.1 * noise.normal()
+            })
+            .collect();
+        let data = residual::Data::from_columns(
+            (0..rows).map(|i| place(i).0).collect(),
+            [
+                ("angle", (0..rows).map(angle).collect::<Vec<f64>>()),
+                ("velocity", (0..rows).map(velocity).collect()),
+                ("target", target),
+            ],
+        )
+        .sequences((0..4).map(|run| 1500 * run..1500 * (run + 1)))
+        .build()
+        .unwrap();
+        let spec = residual::spec::Spec::parse(model).unwrap();
+        let report = residual::analyse(&spec, data, &mut ()).unwrap();
+        let found = report
+            .effects
+            .iter()
+            .find(|e| e.name == EffectKind::GravityAngle);
+        assert!(found.is_some(), "{}", report.markdown());
+        report.others(EffectKind::GravityAngle).concat()
+    };
+    assert!(names(1.0).is_empty());
+    for order in [1.4, 1.6] {
+        assert!(names(order).contains(&EffectKind::PeriodicAngle), "{order}");
+    }
+}

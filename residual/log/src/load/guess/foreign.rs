@@ -178,6 +178,65 @@ fn texts() -> Vec<Foreign> {
     ]
 }
 
+/// Files of further kinds, made after the first model file ran on those above.
+fn further() -> Vec<Foreign> {
+    let names = "time,command,velocity,force";
+    let four = |[t, c, v, _, f]: [f64; 5]| [t, c, v, f];
+    let point = |v: [f64; 5]| cells(&four(v), ",");
+    let comma = |v: [f64; 5]| cells(&four(v), ";").replace('.', ",");
+    let rest = |v: [f64; 5]| cells(&four(v)[1..], ",");
+    let of =
+        |head: &str, line: &dyn Fn(usize, [f64; 5]) -> String| format!("{head}\n{}", lines(line));
+    // The time of day of a row, from ten in the morning on.
+    let clock = |t: f64| format!("10:00:{t:06.3}");
+    // A number with marks between its thousands.
+    let thousands = |x: f64| {
+        let text = format!("{:.2}", 1000.0 * x.abs());
+        let (whole, fraction) = text.split_once('.').unwrap();
+        let at = whole.len().saturating_sub(3);
+        let groups = if at > 0 {
+            format!("{}.{}", &whole[..at], &whole[at..])
+        } else {
+            whole.into()
+        };
+        format!("{}{groups},{fraction}", if x < 0.0 { "-" } else { "" })
+    };
+    let text = |what, name, text: String| (what, name, text.into_bytes());
+    vec![
+        text("a spreadsheet's `sep=;`", "a.csv", format!("\u{feff}sep=;\r\n{}", of("Zeit;Sollkraft (N);Drehzahl (1/min);Kraft (N)", &|_, v| comma(v)))),
+        text("an American date with AM and PM", "a.csv", of(names, &|_, v| format!("3/14/2026 {} AM,{}", clock(v[0]), rest(v)))),
+        text("a European date with slashes", "a.csv", of("Fecha;Consigna;Velocidad;Fuerza", &|_, v| format!("14/03/2026 {};{}", clock(v[0]).replace('.', ","), cells(&four(v)[1..], ";").replace('.', ",")))),
+        text("a date with the month as a word", "a.csv", of(names, &|_, v| format!("14-Mar-2026 {},{}", clock(v[0]), rest(v)))),
+        text("a date without marks", "a.csv", of("utc,command,velocity,force", &|_, v| format!("20260314T{}Z,{}", clock(v[0]).replace(':', ""), rest(v)))),
+        text("a colon before thousandths", "a.csv", of(names, &|_, v| format!("{},{}", clock(v[0]).replace('.', ":"), rest(v)))),
+        text("days of a spreadsheet", "a.csv", of("Date;Command;Velocity;Force", &|_, v| format!("{:.11};{}", 46_148.5 + v[0] / 86_400.0, cells(&four(v)[1..], ";")))),
+        text("marks between thousands", "a.csv", of("Zeit;Befehl;Geschwindigkeit;Kraft\ns;mN;rad/s;mN", &|_, [t, c, v, _, f]| format!("{};{};{};{}", format!("{t:.2}").replace('.', ","), thousands(c), format!("{v:.4}").replace('.', ","), thousands(f)))),
+        text("decimal commas in quotation marks", "a.csv", of("\"Zeit\",\"Befehl\",\"Geschwindigkeit\",\"Kraft\"", &|_, v| format!("\"{}\"", comma(v).replace(';', "\",\"")))),
+        text("units in each cell", "a.csv", of(names, &|_, [t, c, v, _, f]| format!("{t:.2} sec,{c:.4} N,{v:.4} rad/s,{f:.4} N"))),
+        text("a name before each value", "a.log", lines(|_, [t, c, v, _, f]| format!("t={t:.3} cmd={c:.4} vel={v:.4} force={f:.4}"))),
+        text("names of rows without a name", "a.txt", of("\"time\" \"command\" \"velocity\" \"force\"", &|i, v| format!("\"{}\" {}", i + 1, cells(&four(v), " ")))),
+        text("an index without a name", "a.csv", of(",time,command,velocity,force", &|i, v| format!("{i},{}", point(v)))),
+        text("an oscilloscope's step beside the names", "a.csv", of("X,CH1,CH2,CH3,Start,Increment,\nSequence,Volt,Volt,Volt,-1.0e+00,1.0e-02", &|i, v| format!("{i},{},", rest(v)))),
+        text("a time for each channel", "a.csv", of("Name;axis 1\nFile;a.csv\n\nName;F set;Name;speed;Name;force\nSampleTime[ms];10;SampleTime[ms];10;SampleTime[ms];10\nData-Type;REAL64;Data-Type;REAL64;Data-Type;REAL64\n", &|i, [_, c, v, _, f]| format!("{0};{c:.4};{0};{v:.4};{0};{f:.4}", 10 * i))),
+        text("a header behind slashes", "a.txt", of("// logger 2\n// t[ms] cmd[N] vel[rad/s] f[N]", &|i, v| format!("{} {}", 10 * i, cells(&four(v)[1..], " ")))),
+        text("lines that end with a carriage return", "a.csv", of(names, &|_, v| point(v)).replace('\n', "\r")),
+        text("a time in minutes", "a.txt", of("  Time/min   Cmd/N   Vel/(rad/s)  Force/N", &|_, v| format!("{:12.8} {}", v[0] / 60.0, cells(&four(v)[1..], " ")))),
+        text("exponents of Fortran", "a.dat", of("  TIME  CMD  VEL  FORCE", &|_, v| four(v).map(|x| format!("{x:.6E}").replace('E', "D")).join("  "))),
+        text("a minus of set type", "a.csv", of(names, &|_, v| point(v).replace('-', "\u{2212}"))),
+        text("words for missing values", "a.csv", of(names, &|i, v| match i % 40 {
+            39 => format!("{},{}", cells(&four(v)[..3], ","), ["#N/A", "---", "n/a", "NULL", "?"][i / 40 % 5]),
+            _ => point(v),
+        })),
+        text("a footer", "a.csv", of(names, &|_, v| point(v)) + "Mean,3.0,0.0,3.0\nEnd of file\n"),
+        text("names that repeat in the middle", "a.csv", lines(|i, v| match i % 100 {
+            0 => format!("{names}\n{}", point(v)),
+            _ => point(v),
+        })),
+        ("a header in a code of Japan", "a.csv", [&b"\x8e\x9e\x8d\x8f,\x8ew\x97\xdf,\x91\xac\x93x,\x89\xd7\x8fd\ns,N,rad/s,N\n"[..], lines(|_, v| point(v)).as_bytes()].concat()),
+        text("Polish names", "a.csv", of("Czas [s];Siła zadana [N];Prędkość [rad/s];Siła [N]", &|_, v| comma(v))),
+    ]
+}
+
 /// A table of columns, compressed with zstd as pandas and polars can.
 #[cfg(feature = "parquet")]
 fn zstd() -> Vec<u8> {
@@ -211,7 +270,8 @@ fn zstd() -> Vec<u8> {
 }
 
 /// What keeps the first model file for a log from running: a file that is not written, one that is
-/// no model, one that does not read the log, or that leaves out more than half of it.
+/// no model, one that does not read the log, that leaves out more than half of it, or that has
+/// another rate than 100 rows per second.
 fn fails(name: &str, bytes: &[u8]) -> Option<String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -225,20 +285,19 @@ fn fails(name: &str, bytes: &[u8]) -> Option<String> {
         Err(why) => return Some(format!("{why}\n{text}")),
     };
     match crate::load::load(&[path], &spec) {
+        Ok(data) if (data.frame().step() - 0.01).abs() > 1e-6 => {
+            Some(format!("a row each {} s\n{text}", data.frame().step()))
+        }
         Ok(data) if 2 * data.kept_rows().len() >= ROWS => None,
         Ok(data) => Some(format!("{} of {ROWS} rows\n{text}", data.kept_rows().len())),
         Err(why) => Some(format!("{why}\n{text}")),
     }
 }
 
-/// `cargo test -p residual-log the_first_model_file_runs -- --nocapture` prints the count.
-#[cfg(feature = "parquet")]
-#[test]
-fn the_first_model_file_runs_on_nearly_all_foreign_files() {
-    let mut all = texts();
-    all.push(("Parquet with zstd", "a.parquet", zstd()));
+/// How many files the first model file runs on is printed with `-- --nocapture`.
+fn count(all: &[Foreign]) {
     let mut failures = Vec::new();
-    for (what, name, bytes) in &all {
+    for (what, name, bytes) in all {
         let why = fails(name, bytes);
         println!("{}  {what}", if why.is_none() { "runs" } else { "FAILS" });
         failures.extend(why.map(|why| format!("{what}: {why}")));
@@ -247,4 +306,17 @@ fn the_first_model_file_runs_on_nearly_all_foreign_files() {
     println!("{ran} of {} run", all.len());
     assert_eq!(all.len(), 25);
     assert!(ran >= GOAL, "{ran} run:\n{}", failures.join("\n\n"));
+}
+
+#[cfg(feature = "parquet")]
+#[test]
+fn the_first_model_file_runs_on_nearly_all_foreign_files() {
+    let mut all = texts();
+    all.push(("Parquet with zstd", "a.parquet", zstd()));
+    count(&all);
+}
+
+#[test]
+fn the_first_model_file_runs_on_files_of_further_kinds() {
+    count(&further());
 }

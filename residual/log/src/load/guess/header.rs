@@ -29,7 +29,7 @@ pub(super) fn bare(cell: &str) -> &str {
 }
 
 /// Whether a text without brackets is made of symbols of units: `kN`, `m/s²`, `1/min`.
-pub(super) fn is_symbol(text: &str) -> bool {
+pub(in crate::load) fn is_symbol(text: &str) -> bool {
     let known = |part: &str| {
         let rest = part.strip_prefix(PREFIXES);
         [Some(part), rest]
@@ -89,12 +89,15 @@ pub(super) fn are_units(names: &[&str], second: &[&str]) -> bool {
     names.len() == second.len() && filled.len() == second.len() && symbols
 }
 
-/// Names that can be used: without quotation marks, none empty and none twice.
+/// Names that can be used: without quotation marks, none empty, none twice, and none with bytes of
+/// another code than the ones that are read, which come out as control characters.
 pub(super) fn usable(names: &[&str]) -> Vec<String> {
     let mut all: Vec<String> = Vec::new();
     for (i, name) in names.iter().enumerate() {
         let name = match name.trim_matches('"').trim() {
-            "" => format!("column_{}", i + 1),
+            name if name.is_empty() || name.contains(char::is_control) => {
+                format!("column_{}", i + 1)
+            }
             name => name.to_string(),
         };
         let is_free = |n: &String| !all.contains(n);

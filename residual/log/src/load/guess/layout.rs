@@ -1,5 +1,6 @@
 //! How a text log is laid out: separator, decimal mark, comments, header.
 
+use super::super::cells::{self, Affix, Marks};
 use super::super::text;
 use super::header;
 use crate::spec::Input;
@@ -38,6 +39,9 @@ pub(super) struct Layout {
     second: Vec<String>,
     /// Rows per second, where the file says so above its rows.
     pub(super) rate: Option<f64>,
+    /// Place and words of a column in which words take turns, as the name of a variable does where
+    /// each row has one.
+    pub(super) turns: Option<(usize, Vec<String>)>,
 }
 
 impl Layout {
@@ -49,6 +53,7 @@ impl Layout {
             is_text: false,
             second: vec![],
             rate: None,
+            turns: None,
         }
     }
 
@@ -72,7 +77,8 @@ impl Layout {
             };
             Error::io(path, format!("line {line}: {what}; {keys}{kinds}"))
         };
-        let (separator, cells) = separator(&lines).ok_or_else(|| {
+        let shown = lines.iter().flat_map(|l| marks_in(l.1)).next();
+        let (separator, cells) = separator(&lines, shown).ok_or_else(|| {
             failed("no separator splits this line and those below it into equal numbers of cells, two or more")
         })?;
         let row = lines[middle..]
@@ -80,18 +86,13 @@ impl Layout {
             .find(|l| split(l.1, separator).len() == cells)
             .map_or("", |l| l.1);
         let row_cells = split(row, separator);
-        // A comma behind a unit is none.
-        let with_comma = |c: &&str| is_number(c, ',') && !is_number(c, '.');
-        let decimal = if separator != "," && row_cells.iter().any(with_comma) {
-            ','
-        } else {
-            '.'
-        };
+        let row_lines = &lines[middle..];
+        let marks = shown.unwrap_or_else(|| decimal_of(&row_cells, row_lines, separator));
         let row = Row {
-            is_number: row_cells.iter().map(|c| is_number(c, decimal)).collect(),
+            is_number: row_cells.iter().map(|c| is_number(c, marks)).collect(),
             ends_empty: row_cells.last() == Some(&""),
             separator,
-            decimal,
+            marks,
         };
         let from = header_of_labview(&lines);
         let data = lines[from..]
@@ -102,7 +103,8 @@ impl Layout {
         let mut layout = Layout {
             input: Input {
                 separator: separator.into(),
-                decimal: decimal.into(),
+                decimal: marks.decimal.into(),
+                thousands: marks.thousands.map_or(String::new(), String::from),
                 comment: comments
                     .first()
                     .map_or(String::new(), |c| c[..1].to_string()),
@@ -112,16 +114,35 @@ impl Layout {
             is_text: true,
             second: vec![],
             rate: rate(&lines[..data], separator),
+            turns: turns(&lines[data..], &row),
         };
         let above: Vec<Vec<&str>> = lines[..data].iter().map(|l| row.head(l.1)).collect();
-        let comments: Vec<Vec<&str>> = comments
-            .iter()
-            .map(|c| split(c.trim_start_matches(['%', '#', ' ']), separator))
+        let marked = lines[..data].iter().map(|l| l.1);
+        let marked = marked.filter(|l| MARKED.iter().any(|mark| l.starts_with(mark)));
+        let comments: Vec<Vec<&str>> = marked
+            .chain(comments.iter().copied())
+            .map(|c| {
+                split(
+                    c.trim_start_matches(['%', '#', ' ', '/', '!', '*', '-']),
+                    separator,
+                )
+            })
             .filter(|names| names.len() == cells)
             .collect();
         let longer = row.longer_header(&lines[..data]);
         let names = if let Some(names) = longer {
             layout.origin = Origin::Line(lines[data - 1].0 + 1);
+            names
+        } else if let Some(stated) = increment(&lines[..data], separator) {
+            let line = &lines[stated.line];
+            layout.origin = Origin::Line(line.0 + 1);
+            layout.rate = Some(stated.rate);
+            layout.second = row.first_cells(lines[stated.line + 1].1);
+            let mut names = split(line.1, separator);
+            names.resize(cells, "");
+            names
+        } else if let Some((at, names)) = in_pairs(&above) {
+            layout.origin = Origin::Line(lines[at].0 + 1);
             names
         } else if let Some((at, names, second)) = row.header(&above) {
             layout.second = second;
@@ -138,8 +159,11 @@ impl Layout {
             layout.origin = Origin::Comment;
             layout.second = second;
             names
+        } else if let Some(names) = row.shorter_header(&lines, data) {
+            layout.origin = Origin::Line(lines[data - 1].0 + 1);
+            names
         } else {
-            let names = labels(&row_cells);
+            let names = labels(&row_cells, marks);
             if names.iter().any(|n| !n.is_empty()) {
                 layout.origin = Origin::Labels;
             }
@@ -170,7 +194,7 @@ struct Row<'a> {
     /// Whether its last cell is empty: a separator stands at its end.
     ends_empty: bool,
     separator: &'a str,
-    decimal: char,
+    marks: Marks,
 }
 
 impl Row<'_> {
@@ -179,10 +203,8 @@ impl Row<'_> {
         let cells = split(line, self.separator);
         let mut columns = self.is_number.iter().zip(&cells).filter(|(n, _)| **n);
         cells.len() == self.is_number.len()
-            && columns
-                .clone()
-                .all(|(_, c)| value(c, self.decimal).is_some())
-            && columns.any(|(_, c)| is_number(c, self.decimal))
+            && columns.clone().all(|(_, c)| value(c, self.marks).is_some())
+            && columns.any(|(_, c)| is_number(c, self.marks))
     }
 
     /// Cells of a line above the rows. A separator at the end of it, or of the rows only, makes no
@@ -204,17 +226,41 @@ impl Row<'_> {
     fn longer_header<'a>(&self, above: &[Line<'a>]) -> Option<Vec<&'a str>> {
         let cells = split(above.last()?.1, self.separator);
         let count = self.is_number.len();
-        let is_text = |c: &&str| !c.is_empty() && !is_number(c, self.decimal);
+        let is_text = |c: &&str| !c.is_empty() && !is_number(c, self.marks);
         let longer = cells.len() > count && cells.len() <= count + 2 && self.separator != "blank";
         let named = longer && cells.iter().all(is_text) && usable_as_they_are(&cells);
         named.then(|| cells[..count].to_vec())
     }
 
+    /// The names above the rows where they begin with the name or the number of each row, which has
+    /// no name, as those that R and pandas print.
+    fn shorter_header<'a>(&self, lines: &[Line<'a>], data: usize) -> Option<Vec<&'a str>> {
+        let names = split(lines[..data].last()?.1, self.separator);
+        let is_text = |c: &&str| !c.is_empty() && !is_number(c, self.marks);
+        let named = names.len() + 1 == self.is_number.len() && names.iter().all(is_text);
+        let firsts: Vec<&str> = lines[data..]
+            .iter()
+            .take(3)
+            .map(|l| split(l.1, self.separator)[0])
+            .collect();
+        let quoted = firsts.iter().all(|c| c.starts_with('"'));
+        let numbers: Vec<i64> = firsts.iter().filter_map(|c| c.parse().ok()).collect();
+        let counts = numbers.len() == 3 && numbers.windows(2).all(|w| w[1] == w[0] + 1);
+        let usable = named && usable_as_they_are(&names) && (quoted || counts);
+        usable.then(|| std::iter::once("row").chain(names).collect())
+    }
+
+    /// The cells of a line, as many as there are columns.
+    fn first_cells(&self, line: &str) -> Vec<String> {
+        let cells = split(line, self.separator).into_iter();
+        let count = self.is_number.len();
+        cells.take(count).map(str::to_string).collect()
+    }
+
     /// Whether a line may name the columns: it has no number where a row has one.
     fn may_name(&self, cells: &[&str]) -> bool {
         let mut columns = self.is_number.iter().zip(cells);
-        cells.len() == self.is_number.len()
-            && !columns.any(|(n, c)| *n && is_number(c, self.decimal))
+        cells.len() == self.is_number.len() && !columns.any(|(n, c)| *n && is_number(c, self.marks))
     }
 
     /// Place and cells of the last line that names the columns, and the cells of the second line of
@@ -240,6 +286,114 @@ impl Row<'_> {
     }
 }
 
+/// What begins a line of comment in the files of other programs, beside `%` and `#`.
+const MARKED: [&str; 4] = ["//", "!", "--", "*"];
+
+/// The marks of a number with marks between its thousands, in any cell of a line.
+fn marks_in(line: &str) -> Option<Marks> {
+    let has = |mark: char| line.contains(mark);
+    if !(has('.') || has(',')) {
+        return None;
+    }
+    let cells = |separator| split(line, separator).into_iter();
+    let mut all = [";", "\t", "|", ","].into_iter().flat_map(cells);
+    all.find_map(|cell| Marks::seen_in(cell.trim_matches('"')))
+}
+
+/// The decimal mark of numbers without marks between thousands. A comma behind a unit is none, and
+/// between quotation marks in a file of commas it is one where a number shows that it does not
+/// stand between thousands.
+fn decimal_of(row: &[&str], lines: &[Line], separator: &str) -> Marks {
+    let plain = |decimal| Marks {
+        decimal,
+        thousands: None,
+    };
+    let (comma, point) = (plain(','), plain('.'));
+    let with_comma = |c: &&str| is_number(c, comma) && !is_number(c, point);
+    if !row.iter().any(with_comma) {
+        return point;
+    }
+    if separator != "," {
+        return comma;
+    }
+    let thousands = Marks {
+        thousands: Some(','),
+        ..point
+    };
+    let mut cells = lines.iter().flat_map(|l| split(l.1, separator));
+    let is_decimal =
+        |c: &str| c.starts_with("\"0,") || c.starts_with("\"-0,") || !is_number(c, thousands);
+    if cells.any(|c| with_comma(&c) && is_decimal(c)) {
+        comma
+    } else {
+        thousands
+    }
+}
+
+/// A step that stands beside the names, as oscilloscopes write it.
+struct Stated {
+    /// Place of the line of the names.
+    line: usize,
+    /// Rows per second.
+    rate: f64,
+}
+
+/// The step below a name `Increment`.
+fn increment(above: &[Line], separator: &str) -> Option<Stated> {
+    above.windows(2).enumerate().find_map(|(line, pair)| {
+        let names = split(pair[0].1, separator);
+        let at = names
+            .iter()
+            .position(|n| n.eq_ignore_ascii_case("increment"))?;
+        let step: f64 = split(pair[1].1, separator).get(at)?.parse().ok()?;
+        let rate = Some(1.0 / step).filter(|rate| rate.is_finite() && *rate > 0.0);
+        Some(Stated { line, rate: rate? })
+    })
+}
+
+/// Place and names of a line that names every second column, as one of channels that have a time
+/// each: `Name;force;Name;speed`.
+fn in_pairs<'a>(above: &[Vec<&'a str>]) -> Option<(usize, Vec<&'a str>)> {
+    let at = above.iter().rposition(|cells| {
+        let labels = cells.iter().step_by(2);
+        cells.len() >= 4
+            && cells.len().is_multiple_of(2)
+            && labels.clone().all(|c| c.eq_ignore_ascii_case("name"))
+    })?;
+    let names = above[at].iter().enumerate();
+    let names = names.map(|(i, name)| if i % 2 == 0 { "time" } else { name });
+    Some((at, names.collect()))
+}
+
+/// Most words that take turns in a column.
+const TURNS: usize = 20;
+
+/// A column of text in which a few words take turns from row to row.
+fn turns(rows: &[Line], row: &Row) -> Option<(usize, Vec<String>)> {
+    let rows: Vec<Vec<&str>> = rows
+        .iter()
+        .map(|l| split(l.1, row.separator))
+        .filter(|cells| cells.len() == row.is_number.len())
+        .take(10 * TURNS)
+        .collect();
+    (0..row.is_number.len())
+        .filter(|c| !row.is_number[*c])
+        .find_map(|c| {
+            let changes = rows.windows(2).filter(|w| w[0][c] != w[1][c]).count();
+            let mut words: Vec<&str> = Vec::new();
+            for cells in &rows {
+                if !words.contains(&cells[c]) {
+                    words.push(cells[c]);
+                }
+            }
+            let few = (2..=TURNS).contains(&words.len()) && 5 * words.len() <= rows.len();
+            (few && 2 * changes > rows.len()).then(|| {
+                let bare = words.iter().map(|w| w.trim_matches('"').to_string());
+                (c, bare.collect())
+            })
+        })
+}
+
 /// Place of the names of a LabVIEW measurement file, above which lines of numbers are no rows, as
 /// its numbers of samples; 0 for every other file.
 fn header_of_labview(lines: &[Line]) -> usize {
@@ -252,7 +406,7 @@ fn header_of_labview(lines: &[Line]) -> usize {
 fn rate(above: &[Line], separator: &str) -> Option<f64> {
     let cells = above.iter().map(|l| split(l.1, separator));
     let mut steps = cells.filter(|c| c.first() == Some(&"Delta_X"));
-    let step = value(steps.next()?.get(1)?, '.')?;
+    let step: f64 = steps.next()?.get(1)?.parse().ok()?;
     (step > 0.0 && step.is_finite()).then_some(1.0 / step)
 }
 
@@ -262,11 +416,15 @@ fn usable_as_they_are(names: &[&str]) -> bool {
     header::usable(names) == bare
 }
 
-/// The texts before the numbers of a row that end like a label, as `speed:` and `speed =` do.
-fn labels<'a>(row: &[&'a str]) -> Vec<&'a str> {
+/// The texts before the numbers of a row that end like a label, as `speed:` and `speed =` do, in
+/// cells of their own or in that of the number.
+fn labels<'a>(row: &[&'a str], marks: Marks) -> Vec<&'a str> {
     let mut before = "";
     let named = row.iter().map(|cell| {
         let label = std::mem::replace(&mut before, cell);
+        if let Some(affix) = Affix::of(cell, marks) {
+            return &cell[..affix.label().len()];
+        }
         let label = label.strip_suffix([':', '=']).unwrap_or("").trim();
         if label.starts_with(char::is_alphabetic) {
             label
@@ -298,14 +456,22 @@ fn head(path: &Path) -> Result<(String, bool), Error> {
 }
 
 /// The separator that makes the most numbers of a line in the middle, and the number of cells.
-fn separator(lines: &[Line]) -> Option<(&'static str, usize)> {
+/// `shown` are marks that a number shows.
+fn separator(lines: &[Line], shown: Option<Marks>) -> Option<(&'static str, usize)> {
     let (_, middle) = lines.get(lines.len() / 2)?;
     let numbers = |s: &str| {
-        let count = |decimal| {
+        let count = |marks| {
             let cells = split(middle, s);
-            cells.iter().filter(|c| is_number(c, decimal)).count()
+            cells.iter().filter(|c| is_number(c, marks)).count()
         };
-        count('.').max(if s == "," { 0 } else { count(',') })
+        let plain = |decimal| Marks {
+            decimal,
+            thousands: None,
+        };
+        // A comma cannot be both, but between quotation marks.
+        let comma = s != "," || middle.contains('"');
+        let of_comma = if comma { count(plain(',')) } else { 0 };
+        count(shown.unwrap_or(plain('.'))).max(of_comma)
     };
     [";", "\t", "|", ",", "blank"]
         .into_iter()
@@ -317,12 +483,14 @@ fn separator(lines: &[Line]) -> Option<(&'static str, usize)> {
 }
 
 /// The value of a cell as the reader takes it.
-fn value(cell: &str, decimal: char) -> Option<f64> {
-    text::number(cell.trim_matches('"'), decimal)
+fn value(cell: &str, marks: Marks) -> Option<f64> {
+    let cell = cell.trim_matches('"');
+    let around = || Affix::of(cell, marks)?.number(cell, marks);
+    cells::number(cell, marks).or_else(around)
 }
 
-fn is_number(cell: &str, decimal: char) -> bool {
-    value(cell, decimal).is_some_and(f64::is_finite)
+fn is_number(cell: &str, marks: Marks) -> bool {
+    value(cell, marks).is_some_and(f64::is_finite)
 }
 
 fn split<'a>(line: &'a str, separator: &str) -> Vec<&'a str> {

@@ -19,6 +19,8 @@ mod time;
 mod units;
 mod write;
 
+pub(super) use header::is_symbol;
+
 use super::{files, text, Table};
 use crate::spec::Action;
 use layout::Layout;

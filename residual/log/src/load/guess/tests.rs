@@ -409,7 +409,7 @@ fn a_log_without_a_row_is_passed_over() {
 
 #[test]
 fn a_date_is_no_time_and_the_user_is_told_what_to_do() {
-    for date in ["21/10/2024-15:52:16", "10/21/2024 15:52:16.123"] {
+    for date in ["21/10/2024-15:52:16", "2024.10.21-15.52.16"] {
         let lines: String = (0..100)
             .map(|i| format!("{date},{},{}\n", i % 7, i % 5))
             .collect();
@@ -722,15 +722,91 @@ fn counters_are_no_target_and_lists_in_cells_are_named() {
 }
 
 #[test]
-fn marks_between_thousands_are_named() {
-    for (cell, separator) in [("1.234,5", ";"), ("\"1,234.5\"", ","), ("1'234", ",")] {
+fn marks_between_thousands_are_read() {
+    for (cell, separator, thousands, decimal) in [
+        ("1.234,5", ";", ".", ","),
+        ("\"1,234.5\"", ",", ",", "."),
+        ("1'234.5", ",", "'", "."),
+        ("1\u{202f}234,5", ";", " ", ","),
+    ] {
         let rows: String = (0..300)
             .map(|i| format!("0{separator}{cell}{separator}{i}\n"))
             .collect();
-        let (_, text) = of(&format!("a{separator}b{separator}t\n{rows}"));
-        assert!(text.contains("\"b\" has marks between thousands"), "{text}");
-        assert!(!text.contains("several numbers"), "{text}");
+        let (spec, text) = runs(&format!("a{separator}force{separator}t\n{rows}"));
+        let of = (spec.input.thousands.as_str(), spec.input.decimal.as_str());
+        assert_eq!(of, (thousands, decimal), "{text}");
+        assert!(text.contains("the mark between thousands"), "{text}");
     }
+    // Three digits behind a comma are no proof of thousands, but between quotation marks in a file
+    // of commas they are none of a decimal comma.
+    for (first, thousands, decimal) in [("1,234", ",", "."), ("0,123", "", ",")] {
+        let rows: String = (0..300)
+            .map(|i| format!("{i},\"{first}\",\"2,345\"\n"))
+            .collect();
+        let (spec, text) = of(&format!("t,force,speed\n{rows}"));
+        let of = (spec.input.thousands.as_str(), spec.input.decimal.as_str());
+        assert_eq!(of, (thousands, decimal), "{text}");
+    }
+}
+
+#[test]
+fn rows_of_one_variable_each_are_named() {
+    let rows: String = (0..300)
+        .map(|i| format!("\"{}\";{},5;{}\n", ["F", "v", "x"][i % 3], i % 7, i / 3))
+        .collect();
+    let (_, text) = of(&format!("VarName;VarValue;Stamp\n{rows}"));
+    assert!(text.contains("\"VarName\" has F, v, x in turn"), "{text}");
+    // States do not take turns from row to row.
+    let rows: String = (0..300)
+        .map(|i| format!("{};{};{}\n", ["run", "hold"][i / 20 % 2], i % 7, i))
+        .collect();
+    let (_, text) = of(&format!("state;force;t\n{rows}"));
+    assert!(!text.contains("in turn"), "{text}");
+}
+
+#[test]
+fn a_unit_that_changes_within_a_column_is_an_error() {
+    let rows = |last: &str| -> String {
+        let all = (0..299).map(|i| format!("{},{}.5 N\n", 0.01 * f64::from(i), i % 7));
+        all.chain([format!("2.99,1.5 {last}\n")]).collect()
+    };
+    let of = |last| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        std::fs::write(&path, format!("t,force\n{}", rows(last))).unwrap();
+        let spec = Spec::parse(
+            "[roles]\ntime = { column = \"t\", unit = \"s\" }\ntarget = { column = \"force\", unit = \"N\" }\n\
+             [holdout]\nblock_s = 0.2\n[[terms]]\nname = \"offset\"\nexpr = \"1\"\n",
+        );
+        crate::load::load(&[path], &spec.unwrap()).map(|data| data.kept_rows().len())
+    };
+    assert_eq!(of("N").unwrap(), 300);
+    let why = of("kN").unwrap_err().to_string();
+    assert!(why.contains("`1.5 kN` is not a number"), "{why}");
+}
+
+/// A day that may be a month is told: steps over midnight depend on it.
+#[test]
+fn a_date_whose_month_is_not_sure_is_a_check() {
+    let check = |date: &str| {
+        let rows: String = (0..300)
+            .map(|i| {
+                let t = f64::from(i) * 0.01;
+                format!("{date} 10:00:{t:06.3},{}\n", i % 7)
+            })
+            .collect();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        std::fs::write(&path, format!("when,force_n\n{rows}")).unwrap();
+        let spec = Spec::parse(&guess(std::slice::from_ref(&path)).unwrap()).unwrap();
+        let data = crate::load::load(&[path], &spec).unwrap();
+        // Seconds since 1970 are good to 0.2 us.
+        assert!((data.frame().step() - 0.01).abs() < 1e-6);
+        let told = data.findings().iter().map(|f| format!("{f:?}"));
+        told.filter(|f| f.contains("may be exchanged")).count()
+    };
+    assert_eq!(check("4/3/2026"), 1);
+    assert_eq!(check("13/3/2026"), 0);
 }
 
 /// A machine that was told a force and measured one: that it was a setpoint of some controller is

@@ -13,6 +13,12 @@ const CLOCKS: &[(&str, f64)] = &[("s", 1.0), ("ms", 1e-3), ("µs", 1e-6), ("ns",
 /// Seconds since 1970 of logs: from 2001 to 2065.
 const EPOCH: std::ops::Range<f64> = 1e9..3e9;
 
+/// Days since the end of 1899, as spreadsheets count them, of logs: from 2000 to 2065.
+const SERIAL_DAYS: std::ops::Range<f64> = 36_526.0..60_268.0;
+
+/// Median step up to which such numbers are days: 1 s. In seconds it would be a row each 12 us.
+const LARGEST_STEP_DAYS: f64 = 1.01 / 86_400.0;
+
 /// Largest and smallest share of the likely slope at which angle and velocity agree.
 const AGREE: std::ops::Range<f64> = 0.8..1.25;
 
@@ -32,6 +38,8 @@ pub(super) struct Time {
     pub(super) span: f64,
     /// Rows with the time of the row before.
     pub(super) repeats: usize,
+    /// Whether every step is 1: it may be the number of the row.
+    pub(super) counts: bool,
 }
 
 /// How a column grows.
@@ -135,6 +143,7 @@ pub(super) fn find(columns: &[Column], slope: impl Fn(usize) -> Option<f64>) -> 
         step: step * scale,
         span: growth.up.iter().sum::<f64>() * scale,
         repeats: growth.repeats,
+        counts: growth.counts(),
     })
 }
 
@@ -154,6 +163,13 @@ fn unit(column: &Column, step: f64, slope: Option<f64>) -> (f64, Option<String>)
         .find(|(_, s)| EPOCH.contains(&(first.unwrap_or(0.0) * s)) && step * s < 60.0);
     if let Some((name, scale)) = dated {
         return (*scale, (*scale < 1.0).then(|| format!("a date in {name}")));
+    }
+    // A unit of time in the name would have been seen above.
+    if SERIAL_DAYS.contains(&first.unwrap_or(0.0)) && step < LARGEST_STEP_DAYS {
+        return (
+            86_400.0,
+            Some("a date in days, as spreadsheets count them".into()),
+        );
     }
     let fits = |slope: f64| CLOCKS.iter().find(|(_, s)| AGREE.contains(&(slope / s)));
     if let Some((name, scale)) = slope.and_then(fits) {
@@ -210,6 +226,11 @@ mod tests {
             ("stamp", 1e7, 1.7e18, 1e-9, true),
             ("column_2", 10.0, 0.0, 1e-3, true),
             ("column_2", 0.01, 1.7e9, 1.0, true),
+            ("Date", 0.01 / 86_400.0, 46_148.5, 86_400.0, true),
+            ("Date", 1.0 / 86_400.0, 46_148.5, 86_400.0, true),
+            // The clock of a computer that has run for half a day.
+            ("t", 0.001, 46_148.5, 1.0, false),
+            ("Time/min", 0.01 / 60.0, 0.0, 60.0, false),
         ] {
             let time = guessed(name, |i| first + step * i).unwrap();
             assert_eq!(time.scale, scale, "{name} {step} {first}");

@@ -30,6 +30,9 @@ pub(super) fn model(
     let mut columns = columns::columns(table, layout.is_nameless());
     for column in &mut columns {
         column.describe(layout.second(column.title));
+        if let Some((_, unit)) = table.units.iter().find(|(name, _)| name == column.title) {
+            column.describe(unit);
+        }
         // A type of time was converted already, whatever its name says.
         if table.times.iter().any(|(name, _)| name == column.title) {
             column.role = Some("time");
@@ -43,7 +46,8 @@ pub(super) fn model(
         let (angle, velocity) = pair?;
         units::slope(&columns[time], &columns[angle], &columns[velocity])
     };
-    let time = time::find(&columns, slope);
+    // Numbers of rows are no time where the file states its rate.
+    let time = time::find(&columns, slope).filter(|t| layout.rate.is_none() || !t.counts);
     let chosen = columns::choose(&columns, time.as_ref().map(|t| t.column));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let mut out = format!(
@@ -54,14 +58,17 @@ pub(super) fn model(
     let rate = layout.rate.filter(|_| time.is_none());
     match rate {
         Some(rate) => {
-            let _ = writeln!(out, "rate = {rate:?}   # from Delta_X");
+            let _ = writeln!(
+                out,
+                "rate = {rate:?}   # from the step that the file states"
+            );
         }
         None if time.is_none() => no_time(&mut out, table),
         None => {}
     }
     roles(&mut out, &columns, &chosen, time.as_ref());
     several_in_a_cell(&mut out, table);
-    thousands(&mut out, table);
+    in_turn(&mut out, layout, table);
     apart(&mut out, &columns, chosen.get("target"));
     hints(&mut out, &columns, &chosen, time.as_ref(), slope);
     let repeats = time.as_ref().is_some_and(|t| t.repeats > 0);
@@ -107,6 +114,14 @@ fn input(out: &mut String, layout: &Layout) {
     }
     if input.decimal == "," {
         out.push_str("decimal = \",\"\n");
+    }
+    if !input.thousands.is_empty() {
+        let _ = writeln!(
+            out,
+            "thousands = {}   # ? the mark between thousands: with {} as decimal mark",
+            quoted(&input.thousands),
+            quoted(&input.decimal)
+        );
     }
     if !input.comment.is_empty() {
         let _ = writeln!(out, "comment = {}", quoted(&input.comment));
@@ -163,7 +178,7 @@ fn several_in_a_cell(out: &mut String, table: &Table) {
             .map(str::trim)
             .filter(|p| !p.is_empty());
         let numbers = parts.clone().filter(|p| p.parse::<f64>().is_ok()).count();
-        numbers > 1 && !has_thousands(cell) && parts.all(|p| p.parse::<f64>().is_ok())
+        numbers > 1 && parts.all(|p| p.parse::<f64>().is_ok())
     };
     let lists = table.text.iter().filter(|(_, cell, _)| is_list(cell));
     let names: Vec<String> = lists.map(|(name, ..)| quoted(name)).collect();
@@ -176,37 +191,21 @@ fn several_in_a_cell(out: &mut String, table: &Table) {
     }
 }
 
-/// Whether a cell is one number with marks between its thousands: `1.234,5`, `1,234.5`, `1'234`.
-fn has_thousands(cell: &str) -> bool {
-    let bare = cell.trim().trim_matches('"').trim_start_matches(['-', '+']);
-    let Some(mark) = bare.chars().find(|c| !c.is_ascii_digit()) else {
-        return false;
+/// Names the column that tells which variable a row has, where each row has one.
+fn in_turn(out: &mut String, layout: &Layout, table: &Table) {
+    let Some((_, words)) = &layout.turns else {
+        return;
     };
-    let (whole, fraction) = match mark {
-        '.' => bare.split_once(',').unwrap_or((bare, "0")),
-        ',' | '\'' | ' ' => bare.split_once('.').unwrap_or((bare, "0")),
-        _ => return false,
+    let is_it = |cell: &str| words.first().is_some_and(|w| w == cell);
+    let Some((name, ..)) = table.text.iter().find(|(_, cell, _)| is_it(cell)) else {
+        return;
     };
-    let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
-    let mut groups = whole.split(mark);
-    groups
-        .next()
-        .is_some_and(|first| first.len() <= 3 && digits(first))
-        && whole.contains(mark)
-        && groups.all(|group| group.len() == 3 && digits(group))
-        && digits(fraction)
-}
-
-/// Names the columns whose numbers have marks between thousands.
-fn thousands(out: &mut String, table: &Table) {
-    for (name, cell, _) in table.text.iter().filter(|(_, cell, _)| has_thousands(cell)) {
-        let _ = writeln!(
-            out,
-            "# ? column {} has marks between thousands ({}), which are not read: write its numbers without them",
-            quoted(name),
-            cell.trim()
-        );
-    }
+    let _ = writeln!(
+        out,
+        "# ? column {name} has {} in turn: each row seems to have one variable. Write a column for each (in pandas: pivot_table with columns={name})",
+        words[..words.len().min(LISTED)].join(", "),
+        name = quoted(name),
+    );
 }
 
 /// Names the columns that have values only in rows without one of the target: topics of unlike
