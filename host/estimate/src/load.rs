@@ -732,7 +732,6 @@ mod tests {
         let map = folder.path().join("map.toml");
         for (words, word) in [
             ("[input]\ndecimal = \";\"\n", "input.decimal"),
-            ("[input]\ndecimal = \",\"\n", "input.separator"),
             ("[input]\nrate = -100.0\n", "input.rate"),
             ("text = \"fix\"\n", "\"drop\""),
             ("text = \"drop\"\n[input]\nrate = 100.0\n", "input.rate"),
