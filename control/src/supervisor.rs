@@ -195,6 +195,10 @@ const STILL_COUNTS: u64 = 2;
 /// goes from 0 to 12 N, and the reel rests.
 pub const STILL_SWING: Newton = Newton::from_un(6_000_000);
 
+/// Swing of the tension itself below which nothing shows that the reel moves: a motor without power
+/// leaves its reel at rest and the tension at what friction holds, while the command rises.
+const STILL_TENSION: Newton = Newton::from_un(2_000_000);
+
 /// Samples for which the swing has to stand, 25 ms: a cable that something pulls is over-tension
 /// before that.
 const STILL_SAMPLES: u8 = 8;
@@ -220,14 +224,21 @@ struct Still {
     at: EncoderCounts,
     low: Newton,
     high: Newton,
+    /// Lowest and highest tension.
+    tension: (Newton, Newton),
     beyond: u8,
 }
 
 impl EncoderWatch {
-    /// One sample of a unit whose motor acts, with what its reel holds if it rests: the tension less
-    /// the command. `spike`: the tension is an earlier one. The swing, when it is more than a reel
-    /// can hold.
-    pub fn observe(&mut self, counts: EncoderCounts, held: Newton, spike: bool) -> Option<Newton> {
+    /// One sample of a unit whose motor acts. `spike`: the tension is an earlier one. The swing of
+    /// tension less command, when it is more than a reel can hold.
+    pub fn observe(
+        &mut self,
+        counts: EncoderCounts,
+        tension: Newton,
+        command: Newton,
+        spike: bool,
+    ) -> Option<Newton> {
         self.settles = if spike {
             SETTLING_SAMPLES
         } else {
@@ -240,16 +251,20 @@ impl EncoderWatch {
         if self.settles > 0 {
             return None;
         }
+        let held = tension.saturating_sub(command);
         let still = self.still.get_or_insert(Still {
             at: counts,
             low: held,
             high: held,
+            tension: (tension, tension),
             beyond: 0,
         });
         still.low = still.low.min(held);
         still.high = still.high.max(held);
+        let (least, most) = (still.tension.0.min(tension), still.tension.1.max(tension));
+        still.tension = (least, most);
         let swing = still.high.saturating_sub(still.low);
-        if swing > STILL_SWING {
+        if swing > STILL_SWING && most.saturating_sub(least) > STILL_TENSION {
             still.beyond = still.beyond.saturating_add(1);
         }
         (still.beyond >= STILL_SAMPLES).then_some(swing)

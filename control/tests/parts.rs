@@ -686,36 +686,51 @@ fn geometry_follows_the_thesis() {
 
 #[test]
 fn an_encoder_that_stands_while_the_tension_leaves_the_command_is_found() {
-    let held = |n: f64| control::Newton::from_un((n * 1e6) as i32);
-    let counts = |n: i64| control::EncoderCounts(n);
+    let see = |watch: &mut EncoderWatch, at: i64, tension_n: f64, command_n: f64, spike: bool| {
+        let newton = |n: f64| control::Newton::from_un((n * 1e6) as i32);
+        let (tension, command) = (newton(tension_n), newton(command_n));
+        watch.observe(control::EncoderCounts(at), tension, command, spike)
+    };
     // A resting reel: tension less command stays within twice the friction.
     let mut watch = EncoderWatch::default();
-    for force in [0.0, 2.4, -2.4, 2.4] {
-        assert_eq!(watch.observe(counts(100), held(force), false), None);
+    for tension_n in [6.0, 8.4, 3.6, 8.4] {
+        assert_eq!(see(&mut watch, 100, tension_n, 6.0, false), None);
+    }
+    // A robot that moves away while the command rises: the reel rests.
+    let mut watch = EncoderWatch::default();
+    for n in 0..30 {
+        let command_n = 0.4 * f64::from(n);
+        assert_eq!(see(&mut watch, 7, command_n + 1.0, command_n, false), None);
+    }
+    // A motor without power: the reel rests, whatever the command.
+    let mut watch = EncoderWatch::default();
+    for n in 0..30 {
+        assert_eq!(see(&mut watch, 7, 0.5, 0.4 * f64::from(n), false), None);
     }
     // A reel that follows a large swing.
     let mut watch = EncoderWatch::default();
-    for (at, force) in [(0, -7.0), (30, -4.0), (60, 0.0), (90, 3.0), (0, -7.5)] {
-        assert_eq!(watch.observe(counts(at), held(force), false), None);
+    for (at, tension_n) in [(0, 1.0), (30, 4.0), (60, 8.0), (90, 11.0), (0, 0.5)] {
+        assert_eq!(see(&mut watch, at, tension_n, 8.0, false), None);
     }
     // Jitter of a count is no motion.
     let mut watch = EncoderWatch::default();
-    assert_eq!(watch.observe(counts(7), held(-3.0), false), None);
-    assert_eq!(watch.observe(counts(8), held(0.5), false), None);
+    assert_eq!(see(&mut watch, 7, 3.0, 6.0, false), None);
+    assert_eq!(see(&mut watch, 8, 6.5, 6.0, false), None);
     let mut swing = None;
     for sample in 0..8 {
         assert_eq!(swing, None, "after {sample} samples");
-        swing = watch.observe(counts(7), held(4.0), false);
+        swing = see(&mut watch, 7, 10.0, 6.0, false);
     }
     assert_eq!(swing.map(|s| s.to_un()), Some(7_000_000));
-    // A tension that is held back as a spike is no tension, nor are the next ones.
+    // A tension that is held back as a spike is no tension, nor are the next ones; a reel that was
+    // elsewhere meanwhile begins anew.
     let mut watch = EncoderWatch::default();
-    assert_eq!(watch.observe(counts(7), held(0.0), false), None);
-    for spike in [true, false, false, false] {
-        assert_eq!(watch.observe(counts(7), held(-9.0), spike), None);
+    assert_eq!(see(&mut watch, 7, 9.0, 9.0, false), None);
+    for (at, spike) in [(7, true), (15, false), (7, false), (7, false)] {
+        assert_eq!(see(&mut watch, at, 0.0, 9.0, spike), None);
     }
     for _ in 0..20 {
-        assert_eq!(watch.observe(counts(7), held(-2.0), false), None);
+        assert_eq!(see(&mut watch, 7, 3.0, 9.0, false), None);
     }
 }
 

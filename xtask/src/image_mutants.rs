@@ -96,7 +96,7 @@ rows! {
         "w.bits(clocks::IWDG_PR.into())" => "w.bits((clocks::IWDG_PR + 4).into())",
         Renode "detections" "Watchdog Resets Within Its Time While Interrupts Go On";
     "calibration-skipped": "drivers/src/nau7802/bringup/mod.rs",
-        "                Stage::CalibrationStart,\n" => "                Stage::CycleStop,\n",
+        "0x3F, Stage::CalibrationStart)" => "0x3F, Stage::CycleStop)",
         Renode "detections" "Converters Are Calibrated";
     "sensor-slow-off": "control/src/supervisor.rs",
         "max_us: 3_370" => "max_us: 33_700",

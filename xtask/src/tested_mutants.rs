@@ -91,7 +91,7 @@ mutants! { TESTED:
     "brake-when-tight": "control/src/unit.rs", "let missing = slack.saturating_sub(tension.clamp_to(Newton::ZERO, slack));" => "let missing = slack;";
     "no-brake": "control/src/unit.rs", "let braked = unlimited.saturating_sub(brake(tension, setpoint, travel_nm));" => "let braked = unlimited.saturating_sub(Newton::ZERO);";
     "slack-impulse-ignored": "control/src/plausible.rs", "(held || self.slack >= SLACK_SAMPLES)" => "(self.slack >= SLACK_SAMPLES)";
-    "slack-impulse-when-it-was-tight": "control/src/plausible.rs", "let excess = if slack && !self.tight {" => "let excess = if slack {";
+    "slack-impulse-when-it-was-tight": "control/src/plausible.rs", "let excess = if slack && stands && !self.tight {" => "let excess = if slack && stands {";
     "slack-impulse-tenfold": "control/src/plausible.rs", "pub const SLACK_IMPULSE: Newton = Newton::from_un(6_000_000);" => "pub const SLACK_IMPULSE: Newton = Newton::from_un(60_000_000);";
     "zero-while-turning": "control/src/zero.rs", "(travel_nm.saturating_abs() > MAX_TRAVEL_NM)" => "(false)";
     "zero-turns-a-millimetre": "control/src/zero.rs", "pub const MAX_TRAVEL_NM: i32 = 100_000;" => "pub const MAX_TRAVEL_NM: i32 = 1_000_000;";

@@ -138,9 +138,9 @@ impl Machine {
             .plausible
             .sample(&slot.config, pending.drive, pending.adc_code, &output);
         let swing = if drives {
-            let held = output.tension.saturating_sub(output.command);
             let spike = output.flags & flags::SPIKE != 0;
-            slot.encoder.observe(pending.encoder_counts, held, spike)
+            let counts = pending.encoder_counts;
+            (slot.encoder).observe(counts, output.tension, output.command, spike)
         } else {
             slot.encoder = EncoderWatch::default();
             None

