@@ -106,10 +106,10 @@ pub const EXPECTED: &[Expected] = &[
     // The cell drifts to 2.4 N too much, which the whole band permits; the robot's motion makes the
     // reel slide.
     one(I::Drift(5, 3.4), F::Implausible, 800).then(250, I::RobotMoves),
-    // Without the encoder only the whole band is left, and the limit of the command bounds the pull
-    // until then.
-    one(I::EncoderFrozen(0), F::Implausible, 150).then(5, I::AmplifierOff(0)),
-    one(I::EncoderFrozen(2), F::Implausible, 100)
+    // The command rises, no reel can hold that: of the two that are broken the encoder shows. The limit
+    // of the command bounds the pull until then.
+    one(I::EncoderFrozen(0), F::EncoderStill, 100).then(5, I::AmplifierOff(0)),
+    one(I::EncoderFrozen(2), F::EncoderStill, 100)
         .then(5, I::OpenBridge(2))
         .at_most_n(9.5),
     // Another unit's words pull a cable at 0 V whose load cell shows too little of it: the reel
