@@ -74,8 +74,8 @@ pub const EXPECTED: &[Expected] = &[
     // filter has followed.
     one(I::AmplifierGain(4, 1.5), F::Implausible, 20),
     // The words to an output ask for an eighth of the range more from now on: without RST its 0 V
-    // would be that. Over 16 phases of the sample the cable gets 8.6 to 14.0 N, in this one 12.0; with
-    // half of the range 10.7 to 15.6 N.
+    // would be that. Over 16 phases of the sample the cable gets 8.6 to 14.0 N, in this one 12.0;
+    // with half of the range 10.7 to 15.6 N.
     one(I::DacBitStuck(0, 12, true), F::OutputStuck, 10).at_most_n(13.0),
     one(I::Offset(0, 3.0), F::CommandAtLimit, 700),
     one(I::ReadsFail(1), F::SensorReads, 20),
@@ -106,8 +106,8 @@ pub const EXPECTED: &[Expected] = &[
     // The cell drifts to 2.4 N too much, which the whole band permits; the robot's motion makes the
     // reel slide.
     one(I::Drift(5, 3.4), F::Implausible, 800).then(250, I::RobotMoves),
-    // The command rises, no reel can hold that: of the two that are broken the encoder shows. The limit
-    // of the command bounds the pull until then.
+    // The command rises, no reel can hold that: of the two that are broken the encoder shows. The
+    // limit of the command bounds the pull until then.
     one(I::EncoderFrozen(0), F::EncoderStill, 100).then(5, I::AmplifierOff(0)),
     one(I::EncoderFrozen(2), F::EncoderStill, 100)
         .then(5, I::OpenBridge(2))

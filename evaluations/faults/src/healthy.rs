@@ -46,8 +46,8 @@ pub struct Healthy {
     pub alarms: Vec<Alarm>,
 }
 
-/// How far a rig's friction may be from what is declared, as a factor: docs/architecture.md compares
-/// controllers over 0.8 to 1.2.
+/// How far a rig's friction may be from what is declared, as a factor: docs/architecture.md
+/// compares controllers over 0.8 to 1.2.
 const FRICTION: (f64, f64) = (0.8, 1.2);
 /// Breakaway over kinetic friction: to twice the excess of the declared one and more.
 const BREAKAWAY: (f64, f64) = (1.0, 1.15);

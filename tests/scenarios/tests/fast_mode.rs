@@ -128,7 +128,8 @@ fn a_pulled_plug_and_the_e_stop_end_the_same_way() {
         // The tip moves on while the fault ripens: one cycle of the host changes the force that is
         // left by up to 0.03 N.
         let apart = a.zip(b).map_or(0.0, |(a, b)| (a - b).abs());
-        assert!(apart <= 0.03, "{injection:?}: {image} / {quick}");
+        // The texts have two places.
+        assert!(apart < 0.03 + 1e-9, "{injection:?}: {image} / {quick}");
     }
 }
 

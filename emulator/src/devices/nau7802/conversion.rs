@@ -124,7 +124,8 @@ impl Nau7802 {
             }
         };
         self.to_flush = self.to_flush.saturating_sub(1);
-        self.conversions += u64::from(self.calibrated);
+        self.conversions += 1;
+        self.uncalibrated += u64::from(!self.calibrated);
         if self.defects.one_in > 1 && !self.conversions.is_multiple_of(self.defects.one_in) {
             return false;
         }
@@ -207,6 +208,7 @@ impl Nau7802 {
         if valid {
             self.registers[control] &= !bit::CAL_ERR;
             self.calibrated = true;
+            self.conversions -= std::mem::take(&mut self.uncalibrated);
         } else {
             self.registers[control] |= bit::CAL_ERR;
         }

@@ -160,8 +160,10 @@ pub struct Nau7802 {
     plugged: bool,
     /// What is broken at the load cell or in the chip.
     defects: Defects,
-    /// Conversions that became ready on a calibration.
+    /// Conversions that became ready; without those before a calibration, which nobody waits for.
     pub conversions: u64,
+    /// Conversions since the last calibration was lost.
+    uncalibrated: u64,
     /// Conversions whose last byte was read before the next one was ready.
     pub conversions_read: u64,
 }
@@ -205,6 +207,7 @@ impl Nau7802 {
             plugged: true,
             defects: Defects::default(),
             conversions: 0,
+            uncalibrated: 0,
             conversions_read: 0,
         };
         chip.power_on();

@@ -1,4 +1,5 @@
-//! A weight that may be a ripple: over a part of a turn a ripple of an order near one has its shape.
+//! A weight that may be a ripple: over a part of a turn a ripple of an order near one has its
+//! shape.
 
 use super::EqualPath;
 use crate::intervals::parameters;

@@ -163,8 +163,8 @@ fn a_part_that_stands_has_a_weight_and_no_spring() {
     );
 }
 
-/// Over a part of a turn a ripple of an order near one has the shape of a weight; where its order is
-/// seen to be none of a weight, both names stand.
+/// Over a part of a turn a ripple of an order near one has the shape of a weight; where its order
+/// is seen to be none of a weight, both names stand.
 #[test]
 fn a_ripple_over_a_part_of_a_turn_may_stand_for_a_weight() {
     let model = "[roles]\ntime = { column = \"t\", unit = \"s\" }\ntarget = { column = \"y\", unit = \"N·m\" }\n\
