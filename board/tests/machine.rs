@@ -193,6 +193,7 @@ fn the_checksum_covers_the_longest_configuration() {
             creep_ms: n,
         },
         tension_max_un: n,
+        leaky_ki_q16: n,
     };
     let crc = config_crc(&[longest; UNITS]);
     assert_ne!(crc, 0, "the encoding did not fit");

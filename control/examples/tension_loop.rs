@@ -3,9 +3,9 @@
 //! `cargo run -p control --example tension_loop -- ff=0 ki=30 ea=3000`
 //!
 //! Prints RMS over all cables, the worst cable's RMS and the largest error, in N. Keys: `kp`, `ki`,
-//! `kd`, `damping` (N, s, m), `ff` (0 or 1), `reversal` (um), `corner` (Hz) or `average` (samples),
+//! `leaky`, `kd`, `damping` (N, s, m), `ff` (0 or 1), `reversal` (um), `corner` (Hz) or `average` (samples),
 //! `slew` (N/s); `coulomb` (N), `gain`, `viscous` (N s/m), `ripple` (N, motor's order 1); of the
-//! plant `ea` (cable, N), `breakaway` (ratio), `presliding` (um), `level` (friction, factor), and
+//! plant `ea` (cable, N), `gives` (robot, mm/N), `speed` (robot, mm/s), `breakaway` (ratio), `presliding` (um), `level` (friction, factor), and
 //! what it does beyond the model: `more_coulomb` (N), `more_viscous` (N s/m), `more_ripple` (N),
 //! `more_gain` (part), `delay` (ms); of what the host knows of the robot `pose` (noise of a dVRK's
 //! poses, um) or `raven` (1); `seconds`, `seeds`, `from` (first seed).
@@ -156,6 +156,7 @@ fn main() -> ExitCode {
         match key {
             "kp" => wire.kp_q16 = q16,
             "ki" => wire.ki_q16 = q16,
+            "leaky" => wire.leaky_ki_q16 = q16,
             "kd" => wire.kd_q16 = q16,
             "damping" => wire.damping_q16 = q16,
             "ff" => wire.friction_feedforward = value > 0.0,
@@ -201,6 +202,12 @@ fn main() -> ExitCode {
                 delay_s: value * 1e-3,
             })),
             "ea" => plant.cable.axial_stiffness_n = value,
+            "speed" => {
+                if let plant::config::PathConfig::Random(path) = &mut plant.robot.path {
+                    path.rms_speed_m_per_s = value * 1e-3;
+                }
+            }
+            "gives" => plant.robot.tip_compliance_m_per_n = value * 1e-3,
             "breakaway" => plant.friction.breakaway_ratio = value,
             "level" => {
                 plant.friction.coulomb_n *= value;

@@ -180,7 +180,7 @@ numbers {
     /// Proportional gain.
     KP = 7, kp_q16 = 0.3, "N/N" x Q16, 0.0 ..= 20.0, "0 to 20 N/N: the rig was run with up to 15";
     /// Integral gain.
-    KI = 8, ki_q16 = 25.0, "N/(N s)" x Q16, 0.0 ..= 200.0, "0 to 200 N/(N s): ten times what 10 ms of delay allow";
+    KI = 8, ki_q16 = 20.0, "N/(N s)" x Q16, 0.0 ..= 200.0, "0 to 200 N/(N s): ten times what 10 ms of delay allow";
     /// Derivative gain.
     KD = 9, kd_q16 = 0.0, "s" x Q16, 0.0 ..= 0.5, "0 to 0.5 s: a sample period is 0.003 s";
     /// Damping.
@@ -225,6 +225,8 @@ numbers {
     /// Largest tension of a setpoint.
     TENSION_MAX = 27, tension_max_un = 12.0, "N" x MICRO, 0.0 ..= 40.0,
         "0 to 40 N, as the force limit: cables carry up to 12 N (thesis 3.7)";
+    /// Gain of the leaking integral.
+    LEAKY_KI = 28, leaky_ki_q16 = 30.0, "N/(N s)" x Q16, 0.0 ..= 200.0, "0 to 200 N/(N s), as the integral";
 }
 parts {
     /// Samples of the moving average.
@@ -288,6 +290,8 @@ pub struct Config {
     pub(crate) kp_q16: i32,
     /// Integral gain per microsecond, times 2^42.
     pub(crate) ki_us: i32,
+    /// Gain of the leaking integral per microsecond, times 2^42.
+    pub(crate) leaky_ki_us: i32,
     /// Derivative gain times the nominal rate, times 65,536.
     pub(crate) kd_rate_q16: i32,
     /// Force steps per nanometre a nominal sample, times 65,536.
@@ -331,7 +335,8 @@ impl Config {
     /// What the sample path needs, from numbers that are within their ranges.
     fn computed(w: &UnitConfig) -> Self {
         let step = f64::from(1u32 << Newton::FRAC_BITS);
-        let ki = f64::from(w.ki_q16) / 65_536.0;
+        let per_us =
+            |ki: i32| rounded(f64::from(ki) / 65_536.0 * 1e-6 * libm::exp2(f64::from(KI_SHIFT)));
         let damping = f64::from(w.damping_q16) / 65_536.0;
         let rate = f64::from(NOMINAL_SPS);
         Self {
@@ -340,7 +345,8 @@ impl Config {
             filter: FilterConfig::new(w.filter),
             spike_limit: Newton::from_un(w.spike_limit_un).to_bits(),
             kp_q16: w.kp_q16,
-            ki_us: rounded(ki * 1e-6 * libm::exp2(f64::from(KI_SHIFT))),
+            ki_us: per_us(w.ki_q16),
+            leaky_ki_us: per_us(w.leaky_ki_q16),
             kd_rate_q16: w.kd_q16.saturating_mul(NOMINAL_SPS as i32),
             damping: rounded(damping * rate * 1e-9 * step * 65_536.0),
             friction: crate::friction::Model::new(w),
@@ -532,8 +538,8 @@ macro_rules! sealed {
     };
 }
 
-sealed! { 17:
-    cell.zero, spike_limit, kp_q16, ki_us, kd_rate_q16, damping, travel_nm, dac_q16, force_limit, authority, plausible,
+sealed! { 18:
+    cell.zero, spike_limit, kp_q16, ki_us, leaky_ki_us, kd_rate_q16, damping, travel_nm, dac_q16, force_limit, authority, plausible,
     over_tension, over_tension_driven, zero_deviation, cell.curve, cell.creep_q16, cell.creep_rate,
 }
 

@@ -16,6 +16,15 @@
 //! oscillation. Its steady part would pull against every motion of the robot, so the speed passes a
 //! first-order high pass of [`DAMPING_CORNER_HZ`] first.
 //!
+//! # A robot that gives way
+//!
+//! Where the tip moves by 1 mm under 1 N, two cables that pull against each other work against 0.5
+//! N/mm in place of 24. The mass then swings at some 2 Hz, and below its corner the damping's high
+//! pass is no damping but 27 kg of inertia. An integral of 25/s makes that swing grow from 0.7 mm/N
+//! on. So a part of the integral's work is done by one that leaks with [`LEAK_PER_S`]: it is as fast
+//! after a reversal, and at 2 Hz it lags half as much. `control/examples/tension_loop.rs` has the
+//! plants on which the gains were chosen (key `gives`), docs/architecture.md the table.
+//!
 //! # At rest
 //!
 //! A reel at rest holds any force inside its friction band: the motor's force does not reach the
@@ -33,14 +42,27 @@ use crate::units::Newton;
 const REST_BOOST: i64 = 4;
 
 /// Corner of the damping's high pass in hertz.
-pub const DAMPING_CORNER_HZ: f64 = 2.0;
+pub const DAMPING_CORNER_HZ: f64 = 0.6;
 
 /// Share of the speed's difference that the high pass lets go in a sample, times 65,536:
-/// 1 - exp(-2 pi 2 Hz / 320 Hz) = 0.03851.
-const DAMPING_LEAK_Q16: i64 = 2_524;
+/// 1 - exp(-2 pi 0.6 Hz / 320 Hz) = 0.01171.
+const DAMPING_LEAK_Q16: i64 = 768;
+
+/// Share of itself that the leaking integral loses in a second. Chosen together with the gains and
+/// the damping's corner, by a search over the plants of `control/examples/tension_loop.rs`.
+pub const LEAK_PER_S: f64 = 15.0;
+
+/// The same in a sample, times 65,536: 1 - exp(-15 / 320) = 0.04579. After a lost sample it is the
+/// same: an error of a twentieth of what leaks.
+const LEAK_Q16: i64 = 3_001;
 
 /// Fraction bits of the integral: i64 with 52 of them holds +-2,048 N.
 const INTEGRAL_SHIFT: u32 = 52;
+
+/// An integral in newton.
+const fn newton(integral: i64) -> Newton {
+    Newton::from_wide(integral >> (INTEGRAL_SHIFT - Newton::FRAC_BITS))
+}
 
 /// Input of the controller for one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,7 +82,7 @@ pub struct Measured {
 pub struct Terms {
     /// Proportional.
     pub p: Newton,
-    /// Integral, before this sample's error is added.
+    /// Both integrals, before this sample's error is added.
     pub i: Newton,
     /// Derivative and damping.
     pub d: Newton,
@@ -79,6 +101,8 @@ impl Terms {
 pub struct Pid {
     /// Integral, newton times 2^52.
     integral: i64,
+    /// Integral that leaks, newton times 2^52.
+    leaky: i64,
     /// Slow part of the travel a sample, nanometres times 128.
     slow_travel_q7: i32,
 }
@@ -109,12 +133,12 @@ impl Pid {
         let damping = -((i64::from(fast_q7) * i64::from(config.damping)) >> 23);
         Terms {
             p: Newton::from_wide(p),
-            i: self.integral(),
+            i: newton(self.integral.saturating_add(self.leaky)),
             d: Newton::from_wide(derivative + damping),
         }
     }
 
-    /// Adds this sample's error to the integral. `excess` is the unlimited command less what the
+    /// Adds this sample's error to the integrals. `excess` is the unlimited command less what the
     /// limits let through: an addition that pushes further into a limit is cut by it, down to
     /// nothing (anti-windup by clamping, without a jump at the limit). `boost`: see the module's
     /// page, "At rest".
@@ -134,21 +158,29 @@ impl Pid {
         } else {
             (gain_q30 * (Stillness::ONE + REST_BOOST * i64::from(boost.q24()))) >> 24
         };
-        let mut addition = error * boosted.min(1 << 31);
+        let leaky_q30 =
+            (i64::from(config.leaky_ki_us) * i64::from(measured.dt_us)) >> (KI_SHIFT - 30);
         let excess = i64::from(excess.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
-        if excess > 0 && addition > 0 {
-            addition = addition.saturating_sub(excess).max(0);
-        } else if excess < 0 && addition < 0 {
-            addition = addition.saturating_sub(excess).min(0);
-        }
+        let addition = |gain_q30: i64| {
+            let addition = error * gain_q30.min(1 << 31);
+            if excess > 0 && addition > 0 {
+                addition.saturating_sub(excess).max(0)
+            } else if excess < 0 && addition < 0 {
+                addition.saturating_sub(excess).min(0)
+            } else {
+                addition
+            }
+        };
         let limit = i64::from(config.force_limit.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
-        self.integral = clamp_abs(self.integral.saturating_add(addition), limit);
+        self.integral = clamp_abs(self.integral.saturating_add(addition(boosted)), limit);
+        let left = self.leaky - (self.leaky >> 16) * LEAK_Q16;
+        self.leaky = clamp_abs(left.saturating_add(addition(leaky_q30)), limit);
     }
 
-    /// The integral.
+    /// The integral without the leaking one.
     #[must_use]
     pub const fn integral(&self) -> Newton {
-        Newton::from_wide(self.integral >> (INTEGRAL_SHIFT - Newton::FRAC_BITS))
+        newton(self.integral)
     }
 
     /// Takes a part off the integral that another term takes over.
@@ -157,8 +189,9 @@ impl Pid {
         self.integral = self.integral.saturating_sub(part);
     }
 
-    /// Sets the integral so that the command goes on without a jump.
+    /// Sets the integral so that the command goes on without a jump; the leaking one begins anew.
     pub fn set_integral(&mut self, config: &Config, value: Newton) {
+        self.leaky = 0;
         let value = value.clamp_abs(config.force_limit);
         self.integral = i64::from(value.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
     }

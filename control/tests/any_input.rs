@@ -62,7 +62,7 @@ proptest! {
 
     #[test]
     fn configurations_are_taken_or_refused(
-        numbers in prop::array::uniform27(any::<i32>()),
+        numbers in prop::array::uniform28(any::<i32>()),
         filter in prop_oneof![
             any::<u8>().prop_map(FilterChoice::MovingAverage),
             any::<u16>().prop_map(|corner_chz| FilterChoice::LowPass { corner_chz }),
@@ -81,6 +81,7 @@ proptest! {
                 },
             ],
             stored_zero_code: n[22], zero_deviation_un: n[23], authority_un: n[24], plausible_un: n[25], tension_max_un: n[26],
+            leaky_ki_q16: n[27],
             ..Config::nominal()
         };
         if let Err(e) = Config::from_wire(&wire) {

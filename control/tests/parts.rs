@@ -95,6 +95,7 @@ fn set(config: &mut UnitConfig, field: &Field, value: i32) {
             other => panic!("no field {other}"),
         },
         27 => config.tension_max_un = value,
+        28 => config.leaky_ki_q16 = value,
         other => panic!("no field {other}"),
     }
 }

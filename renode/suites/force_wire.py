@@ -21,7 +21,7 @@ CONFIG_FIELDS = ["enabled", "scale_pn_per_count", "zero_code", "stored_zero_code
                  "dac_counts_per_n_q16", "force_limit_un", "authority_un", "plausible_un", "slew_un_per_s", "over_tension_un",
                  "viscous_q16"] + ["ripple%d_%s" % (n, name) for n in (1, 2) for name in
                                    ("periods_per_count_q32", "phase_q32", "amplitude_un", "amplitude_load_q16")] + [
-                     "cell_curve_nn_per_n2", "cell_creep_q16", "cell_creep_ms", "tension_max_un"]
+                     "cell_curve_nn_per_n2", "cell_creep_q16", "cell_creep_ms", "tension_max_un", "leaky_ki_q16"]
 
 
 def cobs_encode(data):

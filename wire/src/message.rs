@@ -217,6 +217,8 @@ pub struct UnitConfig {
     pub cell: CellCorrection,
     /// Largest tension of a setpoint, in micronewton: what the cable and the robot bear.
     pub tension_max_un: i32,
+    /// Gain of the leaking integral, N per N and second, times 65,536; 0: none.
+    pub leaky_ki_q16: i32,
 }
 
 /// Curve and creep of a load cell, taken out of its readings. A straight reading `x` (code less

@@ -42,7 +42,7 @@ fn config() -> UnitConfig {
         filter: FilterChoice::LowPass { corner_chz: 10_000 },
         spike_limit_un: 1_000_000,
         kp_q16: 19_661,
-        ki_q16: 1_638_400,
+        ki_q16: 1_310_720,
         kd_q16: 0,
         damping_q16: 7_208_960,
         friction_feedforward: true,
@@ -62,6 +62,7 @@ fn config() -> UnitConfig {
         ripples: [Ripple::default(); RIPPLES],
         cell: CellCorrection::NONE,
         tension_max_un: 12_000_000,
+        leaky_ki_q16: 1_966_080,
     }
 }
 

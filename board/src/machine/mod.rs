@@ -440,9 +440,9 @@ impl Machine {
     }
 }
 
-/// Longest encoding of a [`UnitConfig`]: 23 numbers, two ripples of four numbers and a cell's three
+/// Longest encoding of a [`UnitConfig`]: 24 numbers, two ripples of four numbers and a cell's three
 /// with at most 5 bytes each, two flags of one byte, a filter of at most 4 bytes.
-const MAX_CONFIG_BYTES: usize = (23 + 8 + 3) * 5 + 2 + 4;
+const MAX_CONFIG_BYTES: usize = (24 + 8 + 3) * 5 + 2 + 4;
 
 /// CRC-32 over configurations: each as postcard encodes it, one after the other, unit 1 first.
 #[must_use]

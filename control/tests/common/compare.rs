@@ -88,6 +88,7 @@ pub fn config(r: &mut Random) -> UnitConfig {
             creep_ms: r.scale(500.0, 3.6e6) as i32,
         },
         tension_max_un: r.between(1e6, 40e6) as i32,
+        leaky_ki_q16: (65_536.0 * maybe(r, 0.01, 200.0)) as i32,
     }
 }
 

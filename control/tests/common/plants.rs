@@ -53,6 +53,14 @@ pub fn all() -> Vec<(&'static str, PlantConfig)> {
         ("a fifth less friction", changed(|p| scale_friction(p, 0.8))),
         ("a fifth more friction", changed(|p| scale_friction(p, 1.2))),
         (
+            "a robot that gives 0.5 mm/N",
+            changed(|p| p.robot.tip_compliance_m_per_n = 0.5e-3),
+        ),
+        (
+            "a robot that gives 1 mm/N",
+            changed(|p| p.robot.tip_compliance_m_per_n = 1e-3),
+        ),
+        (
             "a robot two and a half times as fast",
             changed(|p| {
                 if let PathConfig::Random(path) = &mut p.robot.path {

@@ -45,6 +45,7 @@ pub struct Reference {
     slow_nm: f64,
     viscous_nm: f64,
     integral: f64,
+    leaky: f64,
     setpoint: f64,
     command: f64,
     closed: bool,
@@ -134,6 +135,7 @@ impl Reference {
             slow_nm: 0.0,
             viscous_nm: 0.0,
             integral: 0.0,
+            leaky: 0.0,
             setpoint: 0.0,
             command: 0.0,
             closed: false,
@@ -447,7 +449,7 @@ impl Reference {
                     0.0
                 };
                 let speed = steady / spans;
-                self.slow_nm += (speed - self.slow_nm) * 2_524.0 / 65_536.0;
+                self.slow_nm += (speed - self.slow_nm) * 768.0 / 65_536.0;
                 let d = derivative - q16(w.damping_q16) * RATE * 1e-9 * (speed - self.slow_nm);
                 if !self.closed {
                     self.level = Level {
@@ -455,8 +457,9 @@ impl Reference {
                         ..Level::default()
                     };
                     self.integral = (self.command - feedforward - p - d).clamp(-limit, limit);
+                    self.leaky = 0.0;
                 }
-                let i = self.integral;
+                let i = self.integral + self.leaky;
                 let slack = (self.setpoint / 2.0).min(1.0);
                 let missing = slack - tension.clamp(0.0, slack);
                 let brake = 268.0 / 4_194_304.0 * (travel - 93_750.0).max(0.0) * missing;
@@ -476,14 +479,16 @@ impl Reference {
                     1.0 + 4.0 * still
                 };
                 let gain = (q16(w.ki_q16) * dt_us * 1e-6 * boost).min(2.0);
-                let mut addition = gain * error;
+                let leaky_gain = (q16(w.leaky_ki_q16) * dt_us * 1e-6).min(2.0);
                 let excess = unlimited - self.command;
-                if excess > 0.0 && addition > 0.0 {
-                    addition = (addition - excess).max(0.0);
-                } else if excess < 0.0 && addition < 0.0 {
-                    addition = (addition - excess).min(0.0);
-                }
-                self.integral = (i + addition).clamp(-limit, limit);
+                let addition = |gain: f64| match gain * error {
+                    addition if excess > 0.0 && addition > 0.0 => (addition - excess).max(0.0),
+                    addition if excess < 0.0 && addition < 0.0 => (addition - excess).min(0.0),
+                    addition => addition,
+                };
+                self.integral = (self.integral + addition(gain)).clamp(-limit, limit);
+                let left = self.leaky * (1.0 - 3_001.0 / 65_536.0);
+                self.leaky = (left + addition(leaky_gain)).clamp(-limit, limit);
                 self.closed = true;
                 let short = 1.0 - self.direction.abs() - 2f64.powi(-10);
                 // Fixed point may see it the other way round where the reel nearly slides. The

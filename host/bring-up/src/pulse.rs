@@ -85,6 +85,7 @@ pub fn configs(
             zero_code: zero_code[i],
             kp_q16: 0,
             ki_q16: 0,
+            leaky_ki_q16: 0,
             kd_q16: 0,
             damping_q16: 0,
             friction_feedforward: false,
@@ -262,10 +263,11 @@ mod tests {
                     (
                         config.kp_q16,
                         config.ki_q16,
+                        config.leaky_ki_q16,
                         config.kd_q16,
                         config.damping_q16
                     ),
-                    (0, 0, 0, 0)
+                    (0, 0, 0, 0, 0)
                 );
                 assert!(!config.friction_feedforward && config.over_tension_un == 3_000_000);
                 assert_eq!(config.zero_code, 7);

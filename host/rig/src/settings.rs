@@ -110,6 +110,9 @@ pub struct UnitSettings {
     pub kp: f64,
     /// Integral gain, N per N and second.
     pub ki_per_s: f64,
+    /// Gain of the integral that leaks, N per N and second; 0: none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub leaky_ki_per_s: f64,
     /// Derivative gain, N per N/s.
     pub kd_s: f64,
     /// Damping on the reel's speed, N per m/s.
@@ -315,6 +318,7 @@ impl UnitSettings {
                 .map(|ripple| ripple.to_wire(self.travel_m_per_count)),
             cell: self.cell.to_wire(),
             tension_max_un: field::TENSION_MAX.to_wire(self.tension_max_n),
+            leaky_ki_q16: field::LEAKY_KI.to_wire(self.leaky_ki_per_s),
         }
     }
 

@@ -46,22 +46,22 @@ pub struct Corrected {
     pub not_used: Vec<String>,
 }
 
-/// Largest kp, ki and damping that a loop with this additional delay of the command allows.
+/// Largest kp, ki, leaking ki and damping that a loop with this additional delay of the command allows.
 ///
 /// The built-in gains hold for 10 ms between command and tension (converter 6.25 ms, low pass 2.2
 /// ms, hold 1.6 ms) and 1.7 ms between command and encoder. Reel and cable swing at 34 Hz at the
 /// most (24 N/mm, 0.51 kg). The damping works on that swing by the cosine of the phase that its
 /// delay makes: it fades to nothing at 5.7 ms more, past which it would feed the swing. The
-/// proportional gain needs the damping, so it fades with it. An integral alone is stable while ki /
+/// proportional gain and the leaking integral need the damping, so they fade with it. An integral alone is stable while ki /
 /// (2 pi 34 Hz) times the swing's sharpness (5.6, from the cable's own damping) is well below one:
 /// 10 leave a factor of four, and are slow enough for 30 ms.
 #[must_use]
-pub fn gains_for_delay(delay_s: f64) -> [f64; 3] {
+pub fn gains_for_delay(delay_s: f64) -> [f64; 4] {
     const SWING_HZ: f64 = 34.0;
     const ENCODER_S: f64 = 0.0017;
     let phase = |delay: f64| (TAU * SWING_HZ * (ENCODER_S + delay)).min(TAU / 4.0);
     let left = phase(delay_s.max(0.0)).cos().max(0.0) / phase(0.0).cos();
-    [0.3 * left, 10.0 + 15.0 * left, 110.0 * left]
+    [0.3 * left, 10.0 + 10.0 * left, 30.0 * left, 110.0 * left]
 }
 
 /// The settings of a unit with the findings in them. Where one of them is out of its bounds the
@@ -280,9 +280,10 @@ fn correct_for_delay(
         ));
     }
     if delay_s > NEGLIGIBLE_DELAY_S {
-        let [kp, ki, damping] = gains_for_delay(delay_s);
+        let [kp, ki, leaky_ki, damping] = gains_for_delay(delay_s);
         new.kp = new.kp.min(kp);
         new.ki_per_s = new.ki_per_s.min(ki);
+        new.leaky_ki_per_s = new.leaky_ki_per_s.min(leaky_ki);
         new.damping_n_s_per_m = new.damping_n_s_per_m.min(damping);
     } else if delay_s != 0.0 {
         not_used.push(format!(

@@ -10,7 +10,7 @@
 //! | offset | `friction_offset_n` |
 //! | gain | `dac_codes_per_n` where the log's command is the DAC's, else `friction_gain` |
 //! | ripple over the angle | `ripple_...`, where the log's angle is the board's own |
-//! | delay of the drive | `kp`, `ki_per_s`, `damping_n_s_per_m`, reduced: see [`gains_for_delay`] |
+//! | delay of the drive | `kp`, `ki_per_s`, `leaky_ki_per_s`, `damping_n_s_per_m`, reduced: see [`gains_for_delay`] |
 //!
 //! Dry friction is declared as it was found. With 0.1 N less, the tensions are 11 % further off:
 //! 0.0340 N in place of 0.0306 N, and 0.0377 N in place of 0.0330 N with 0.4 N more friction in the
@@ -55,9 +55,10 @@ macro_rules! keys {
 
 /// Every setting that a finding may change. Four digits after the point are finer than anything
 /// measured; lengths, codes and gains have their own.
-const KEYS: [Key; 17] = keys! {
+const KEYS: [Key; 18] = keys! {
     "kp", 1e4, kp;
     "ki_per_s", 1e4, ki_per_s;
+    "leaky_ki_per_s", 1e4, leaky_ki_per_s;
     "damping_n_s_per_m", 1e3, damping_n_s_per_m;
     "friction_offset_n", 1e4, friction_offset_n;
     "friction_gain", 1e4, friction_gain;

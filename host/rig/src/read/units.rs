@@ -138,6 +138,7 @@ fn stand_in(number: u8) -> UnitSettings {
         spike_limit_n: 0.0,
         kp: 0.0,
         ki_per_s: 0.0,
+        leaky_ki_per_s: 0.0,
         kd_s: 0.0,
         damping_n_s_per_m: 0.0,
         friction_feedforward: false,
@@ -228,6 +229,9 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
         spike_limit_n: n("spike_limit_n", &field::SPIKE_LIMIT, "1.5").value,
         kp: n("kp", &field::KP, "1.0").value,
         ki_per_s: n("ki_per_s", &field::KI, "20.0").value,
+        leaky_ki_per_s: section
+            .optional("leaky_ki_per_s", field::LEAKY_KI.range(), 0.0)
+            .value,
         kd_s: n("kd_s", &field::KD, "0.0").value,
         damping_n_s_per_m: n("damping_n_s_per_m", &field::DAMPING, "60.0").value,
         friction_feedforward: section.flag("friction_feedforward", None),
