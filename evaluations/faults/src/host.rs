@@ -1,11 +1,16 @@
-//! The host on the serial line: setpoints that move, every 10 ms, and what becomes of its frames.
+//! The host on the serial line: setpoints that move, every 10 ms, and what becomes of its frames. It
+//! foretells the reels' speeds as `forcectl` does where a rig file says nothing else.
 
 use crate::injection::Injection as I;
 use crate::random::Random;
+
 use control::geometry::{cable_direction, cos_cell_angle, direction_q14, inv_cos_q16};
+use control::unit::REEL_SPEED_MAX_UM_PER_S;
+use nalgebra::Vector3;
 use plant::Plant;
+use robot::motion::Foretold;
 use std::collections::VecDeque;
-use wire::message::{Command, Response, UnitSetpoint, DIRECTION_ONE};
+use wire::message::{Command, Response, UnitSetpoint};
 use wire::{
     encode, BoardFrame, BoardMessage, Decoder, HostFrame, ABI_VERSION, MAX_FRAME, SCHEMA_HASH,
     UNITS,
@@ -21,6 +26,9 @@ const VALID_MS: u16 = 100;
 const WAVE_MS: u64 = 1_120;
 /// Swing of its setpoints around the tensions that it holds, N.
 pub const SWING_N: f64 = 0.6;
+/// How long it holds before it foretells the reels' speeds, in milliseconds: as `forcectl set-force`,
+/// which waits until slack is taken up.
+const FORETELLS_AFTER_MS: u64 = 1_000;
 /// Frames that it remembers, to send one again.
 const REMEMBERED: usize = 50;
 
@@ -51,6 +59,8 @@ pub struct Host {
     since_ms: Option<u64>,
     /// Tensions that it holds, N, and since when, in milliseconds; `None`: it sends nothing.
     hold: Option<([f64; UNITS], u64)>,
+    /// What it knows of the robot's motion while it holds.
+    foretold: Foretold,
     /// Everything random on its side.
     pub random: Random,
     seq: u16,
@@ -73,6 +83,7 @@ impl Host {
             steps: VecDeque::new(),
             since_ms: None,
             hold: None,
+            foretold: Foretold::default(),
             random,
             seq: 0,
             asked: 0,
@@ -124,6 +135,7 @@ impl Host {
             Step::Wait(ms) if waited_ms >= ms => self.next_step(),
             Step::Hold(tensions_n) => {
                 self.hold = tensions_n.map(|tensions_n| (tensions_n, now_ms));
+                self.foretold = Foretold::default();
                 self.next_step();
             }
             Step::Must(_) | Step::Try(_) | Step::Ready(_) | Step::Wait(_) => {}
@@ -239,12 +251,27 @@ impl Host {
         let Some((hold_n, since_ms)) = self.hold else {
             return Vec::new();
         };
-        let command = self.setpoints(hold_n, (now_ms - since_ms + WAVE_MS) as f64 * 1e-3, plant);
+        let held_ms = now_ms - since_ms;
+        let velocity = (held_ms >= FORETELLS_AFTER_MS)
+            .then(|| {
+                let now_s = now_ms as f64 * 1e-3;
+                let tip_m = plant.tip_position_m().into();
+                self.foretold.see(now_s, tip_m, now_s)
+            })
+            .flatten();
+        let command = self.setpoints(hold_n, (held_ms + WAVE_MS) as f64 * 1e-3, plant, velocity);
         let frame = self.frame(command);
         self.on_the_line(frame)
     }
 
-    fn setpoints(&self, hold_n: [f64; UNITS], t_s: f64, plant: &Plant) -> Command {
+    /// `velocity`: of the tip, m/s, where it is told.
+    fn setpoints(
+        &self,
+        hold_n: [f64; UNITS],
+        t_s: f64,
+        plant: &Plant,
+        velocity: Option<Vector3<f64>>,
+    ) -> Command {
         let offset = self.find(|what| match what {
             I::SetpointOffset(n) => Some(*n),
             _ => None,
@@ -253,7 +280,7 @@ impl Host {
         let units = std::array::from_fn(|unit| {
             let parameters = plant.parameters(unit);
             let direction = cable_direction(parameters.position_m.into(), tip);
-            let axis: nalgebra::Vector3<f64> = parameters.axis.into();
+            let axis: Vector3<f64> = parameters.axis.into();
             let cos = direction.and_then(|direction| cos_cell_angle(direction, -axis));
             let factor = self.find(|what| match what {
                 I::WrongCosine(u, factor) if *u == unit => Some(*factor),
@@ -266,15 +293,19 @@ impl Host {
             });
             let wave = SWING_N * (6.0 * t_s + unit as f64).sin();
             let tension_n = hold_n[unit] + wave + offset.unwrap_or(0.0);
+            let told = if self.is(I::WrongDirections) {
+                Some(Vector3::z())
+            } else {
+                direction
+            };
             UnitSetpoint {
                 tension_un: out_of_range.unwrap_or((tension_n.max(0.0) * 1e6) as i32),
                 inv_cos_q16: (f64::from(inv_cos) * factor.unwrap_or(1.0)) as i32,
-                direction_q14: if self.is(I::WrongDirections) {
-                    [0, 0, DIRECTION_ONE]
-                } else {
-                    direction.map_or([0; 3], |d| direction_q14(&d))
-                },
-                reel_um_per_s: None,
+                direction_q14: told.map_or([0; 3], |d| direction_q14(&d)),
+                reel_um_per_s: velocity
+                    .zip(told)
+                    .map(|(velocity, direction)| (direction.dot(&velocity) * 1e6).round() as i32)
+                    .filter(|speed| speed.abs() <= REEL_SPEED_MAX_UM_PER_S),
             }
         });
         Command::Setpoints {

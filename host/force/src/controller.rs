@@ -56,7 +56,7 @@ pub struct Output {
     pub slewed_n: Vector3<f64>,
     /// The nearest force within reach, N: the reference of the error.
     pub reference_n: Vector3<f64>,
-    /// Force applied at the tip by the measured tensions, N.
+    /// Force applied at the tip by the measured tensions, N, a cycle ago: along the cables of then.
     pub applied_n: Vector3<f64>,
     /// Error, reference less applied, N.
     pub error_n: Vector3<f64>,
@@ -146,6 +146,8 @@ pub struct Controller {
     slewed_n: Vector3<f64>,
     integral_n: Vector3<f64>,
     tension_n: [f64; UNITS],
+    /// The cables in the cycle before.
+    cables: Option<Cables>,
     preview: Preview,
 }
 
@@ -161,6 +163,7 @@ impl Controller {
             slewed_n: Vector3::zeros(),
             integral_n: Vector3::zeros(),
             tension_n: [0.0; UNITS],
+            cables: None,
             preview: Preview::default(),
         })
     }
@@ -196,7 +199,9 @@ impl Controller {
                 None => {}
             }
         }
-        let applied_n = problem.force_of(&self.tension_n);
+        // The tensions are about a cycle older than the pose: they pulled along the cables of then.
+        let then = self.cables.replace(cables).unwrap_or(cables);
+        let applied_n = self::problem(&self.rig, &then, &input.available).force_of(&self.tension_n);
         let error_n = reference_n - applied_n;
         let gain = settings.ki_per_s * dt_s;
         let integral_n = self.integral_n + error_n * gain;
@@ -442,6 +447,28 @@ mod tests {
         }
     }
 
+    /// They are that old when the host has them.
+    #[test]
+    fn tensions_count_along_the_cables_of_a_cycle_ago() {
+        let rig = rig();
+        let mut controller = Controller::new(&rig).unwrap();
+        let mut input = input(&rig);
+        input.tension_n = [Some(3.0); UNITS];
+        let available = input.available;
+        let at = |tip_m| {
+            let cables = Cables::at(&rig, tip_m, &available).unwrap();
+            problem(&rig, &cables, &available).force_of(&[3.0; UNITS])
+        };
+        let mut last_m = input.tip_m;
+        for _ in 0..3 {
+            let applied_n = controller.step(&input).unwrap().applied_n;
+            assert_eq!(applied_n, at(last_m));
+            last_m = input.tip_m;
+            input.tip_m.x += 1e-3;
+        }
+        assert_ne!(at(last_m), at(input.tip_m));
+    }
+
     #[test]
     fn the_commanded_force_changes_no_faster_than_its_slew_limit() {
         let (_, outputs) = run(&rig(), 50, |_, _| {});
@@ -545,7 +572,7 @@ mod tests {
     #[test]
     fn the_setpoints_tell_how_fast_the_tip_moves_each_reel() {
         let mut rig = rig();
-        rig.controller.preview = true;
+        assert!(rig.controller.preview);
         let velocity = Vector3::new(0.008, -0.004, 0.002);
         let moves = |rig: &Rig, timed: bool| {
             let (_, outputs) = run(rig, 200, |cycle, input| {
@@ -573,7 +600,7 @@ mod tests {
         }
         let tells = |setpoints: [UnitSetpoint; UNITS]| setpoints.map(|s| s.reel_um_per_s.is_some());
         assert_eq!(tells(moves(&rig, false).setpoints), [false; UNITS]);
-        // Unless the rig file says so, nothing is told.
+        // Where the rig file says so, nothing is told.
         rig.controller.preview = false;
         assert_eq!(tells(moves(&rig, true).setpoints), [false; UNITS]);
     }

@@ -35,9 +35,9 @@ pub struct ControllerSettings {
     /// (docs/bring-up.md, step 8).
     #[serde(skip_serializing_if = "is_true")]
     pub pointer_ahead: bool,
-    /// Whether the host sends with each setpoint how fast the robot's motion moves the reel
-    /// (docs/architecture.md, "Foretold reversals").
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    /// Whether the host sends with each setpoint how fast the robot's motion moves the reel, where
+    /// the robot's poses are good enough to tell (docs/architecture.md, "Foretold reversals").
+    #[serde(skip_serializing_if = "is_true")]
     pub preview: bool,
 }
 

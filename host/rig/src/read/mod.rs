@@ -193,7 +193,7 @@ fn read_controller(root: &Section<'_, '_>) -> ControllerSettings {
             .optional("tip_force_limit_n", 1.0..=100.0, TIP_FORCE_LIMIT_N)
             .value,
         pointer_ahead: section.flag("pointer_ahead", Some(true)),
-        preview: section.flag("preview", Some(false)),
+        preview: section.flag("preview", Some(true)),
     };
     section.finish();
     controller
