@@ -57,9 +57,13 @@ pub const NEGATIVE: Newton = Newton::from_un(-1_000_000);
 /// cable went slack.
 pub const NEGATIVE_SAMPLES: u8 = 6;
 
-/// Samples in a row with the command at a limit that make a fault, 0.2 s: a transient of the loop
-/// is over by then.
+/// Samples in a row with the command at its upper limit that make a fault, 0.2 s: a transient of
+/// the loop is over by then.
 pub const LIMIT_SAMPLES: u8 = 64;
+
+/// The same with the command at zero, 0.125 s: a load cell that reads too much has let its cable go
+/// slack by then, and 0.15 s of that are a hazard (docs/safety.md).
+pub const AT_ZERO_SAMPLES: u8 = 40;
 
 /// Error that counts as "not at the setpoint" while the command stands at a limit.
 const LIMIT_ERROR: Newton = Newton::from_un(300_000);
@@ -306,7 +310,12 @@ impl Watch {
             self.at_limit,
             drive == Drive::Follow && output.setpoint > Newton::ZERO && (too_little || too_much),
         );
-        (self.at_limit >= LIMIT_SAMPLES).then(|| (Fault::CommandAtLimit, milli(output.command)))
+        let most = if too_much {
+            AT_ZERO_SAMPLES
+        } else {
+            LIMIT_SAMPLES
+        };
+        (self.at_limit >= most).then(|| (Fault::CommandAtLimit, milli(output.command)))
     }
 
     fn band(&mut self, config: &Config, output: &Output) -> Option<(Fault, u32)> {

@@ -52,14 +52,18 @@ fn each_quantity_lies_within_its_radius_as_often_as_stated() {
         let halves = [half(0), half(1)];
         halves.map(|half| half.join().unwrap()).into()
     });
-    for (n, what) in ["mean of the run", "any instant", "estimate of a cycle"]
+    let parts: Vec<(&str, f64)> = ["mean of the run", "any instant", "estimate of a cycle"]
         .into_iter()
         .enumerate()
-    {
-        let held: Vec<f64> = halves.iter().flat_map(|half| half[n].clone()).collect();
-        assert_eq!(held.len() as u64, 6 * RIGS);
-        let part = held.iter().sum::<f64>() / held.len() as f64;
-        println!("{what}: {:.1} %", 100.0 * part);
+        .map(|(n, what)| {
+            let held: Vec<f64> = halves.iter().flat_map(|half| half[n].clone()).collect();
+            assert_eq!(held.len() as u64, 6 * RIGS);
+            let part = held.iter().sum::<f64>() / held.len() as f64;
+            println!("{what}: {:.2} %", 100.0 * part);
+            (what, part)
+        })
+        .collect();
+    for (what, part) in parts {
         assert!((0.93..=0.97).contains(&part), "{what}: {part}");
     }
 }

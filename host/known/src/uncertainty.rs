@@ -226,7 +226,6 @@ impl Steady {
             self.tension_n[i] += step.measured_tension_n[i];
         }
         let off_command_n = step.estimated_n - step.commanded_n;
-        self.off_command_n.add(off_command_n.norm());
         if let Some(before_n) = self.off_before_n.replace(off_command_n) {
             (self.off_command_n).add((0.5 * (off_command_n + before_n)).norm());
         }
