@@ -219,6 +219,14 @@ impl Rig {
         ]);
     }
 
+    /// The armed rig holds one set of tensions after the other, N, each for so many milliseconds.
+    pub fn work(&mut self, sets_n: impl IntoIterator<Item = [f64; UNITS]>, each_ms: u64) {
+        let steps = sets_n
+            .into_iter()
+            .flat_map(|set_n| [Step::Hold(Some(set_n)), Step::Wait(each_ms)]);
+        self.host.plan(steps);
+    }
+
     /// The host disarms, switches a unit off and on again, and arms. It takes no zeros: friction of
     /// the reels still holds the cables.
     fn reconfigure(&mut self) {

@@ -76,7 +76,7 @@ pub struct PartsN {
 /// Cycles by which the cells' estimate is behind the force at most; at least one less. 6.25 ms of
 /// the converter's filter and 3 to 6 ms of the board's, and up to a cycle until the host has read
 /// it.
-pub const AGE_CYCLES: usize = 2;
+pub const AGE_CYCLES: usize = 1;
 
 /// A 95 % quantile of sizes that come one after the other; at most [`KEPT`] of them are kept,
 /// evenly over time.
@@ -155,7 +155,7 @@ struct Batches {
 }
 
 /// Cycles of a part at first: 0.2 s, ten times the age of an estimate.
-const BATCH: u64 = 10 * AGE_CYCLES as u64;
+const BATCH: u64 = 20;
 /// Whole parts that are kept; then each two become one.
 const MOST_BATCHES: usize = 64;
 
