@@ -290,8 +290,8 @@ pub struct Config {
     pub(crate) kp_q16: i32,
     /// Integral gain per microsecond, times 2^42.
     pub(crate) ki_us: i32,
-    /// Gain of the leaking integral per microsecond, times 2^42.
-    pub(crate) leaky_ki_us: i32,
+    /// Gain of the leaking integral per nominal sample, times 2^24.
+    pub(crate) leaky_ki: i32,
     /// Derivative gain times the nominal rate, times 65,536.
     pub(crate) kd_rate_q16: i32,
     /// Force steps per nanometre a nominal sample, times 65,536.
@@ -335,8 +335,7 @@ impl Config {
     /// What the sample path needs, from numbers that are within their ranges.
     fn computed(w: &UnitConfig) -> Self {
         let step = f64::from(1u32 << Newton::FRAC_BITS);
-        let per_us =
-            |ki: i32| rounded(f64::from(ki) / 65_536.0 * 1e-6 * libm::exp2(f64::from(KI_SHIFT)));
+        let ki = f64::from(w.ki_q16) / 65_536.0;
         let damping = f64::from(w.damping_q16) / 65_536.0;
         let rate = f64::from(NOMINAL_SPS);
         Self {
@@ -345,8 +344,8 @@ impl Config {
             filter: FilterConfig::new(w.filter),
             spike_limit: Newton::from_un(w.spike_limit_un).to_bits(),
             kp_q16: w.kp_q16,
-            ki_us: per_us(w.ki_q16),
-            leaky_ki_us: per_us(w.leaky_ki_q16),
+            ki_us: rounded(ki * 1e-6 * libm::exp2(f64::from(KI_SHIFT))),
+            leaky_ki: rounded(f64::from(w.leaky_ki_q16) * 256.0 / rate),
             kd_rate_q16: w.kd_q16.saturating_mul(NOMINAL_SPS as i32),
             damping: rounded(damping * rate * 1e-9 * step * 65_536.0),
             friction: crate::friction::Model::new(w),
@@ -539,7 +538,7 @@ macro_rules! sealed {
 }
 
 sealed! { 18:
-    cell.zero, spike_limit, kp_q16, ki_us, leaky_ki_us, kd_rate_q16, damping, travel_nm, dac_q16, force_limit, authority, plausible,
+    cell.zero, spike_limit, kp_q16, ki_us, leaky_ki, kd_rate_q16, damping, travel_nm, dac_q16, force_limit, authority, plausible,
     over_tension, over_tension_driven, zero_deviation, cell.curve, cell.creep_q16, cell.creep_rate,
 }
 

@@ -52,17 +52,11 @@ const DAMPING_LEAK_Q16: i64 = 768;
 /// the damping's corner, by a search over the plants of `control/examples/tension_loop.rs`.
 pub const LEAK_PER_S: f64 = 15.0;
 
-/// The same in a sample, times 65,536: 1 - exp(-15 / 320) = 0.04579. After a lost sample it is the
-/// same: an error of a twentieth of what leaks.
+/// The same in a sample, times 65,536: 1 - exp(-15 / 320) = 0.04579.
 const LEAK_Q16: i64 = 3_001;
 
 /// Fraction bits of the integral: i64 with 52 of them holds +-2,048 N.
 const INTEGRAL_SHIFT: u32 = 52;
-
-/// An integral in newton.
-const fn newton(integral: i64) -> Newton {
-    Newton::from_wide(integral >> (INTEGRAL_SHIFT - Newton::FRAC_BITS))
-}
 
 /// Input of the controller for one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,8 +95,8 @@ impl Terms {
 pub struct Pid {
     /// Integral, newton times 2^52.
     integral: i64,
-    /// Integral that leaks, newton times 2^52.
-    leaky: i64,
+    /// Integral that leaks.
+    leaky: Newton,
     /// Slow part of the travel a sample, nanometres times 128.
     slow_travel_q7: i32,
 }
@@ -114,6 +108,17 @@ pub(crate) fn periods_shift(dt_us: u32) -> u32 {
         t if t < PERIOD + PERIOD / 2 => 0,
         t if t < 3 * PERIOD => 1,
         _ => 2,
+    }
+}
+
+/// An addition to an integral without what pushes further into a limit.
+fn cut(addition: i64, excess: i64) -> i64 {
+    if excess > 0 && addition > 0 {
+        addition.saturating_sub(excess).max(0)
+    } else if excess < 0 && addition < 0 {
+        addition.saturating_sub(excess).min(0)
+    } else {
+        addition
     }
 }
 
@@ -133,7 +138,7 @@ impl Pid {
         let damping = -((i64::from(fast_q7) * i64::from(config.damping)) >> 23);
         Terms {
             p: Newton::from_wide(p),
-            i: newton(self.integral.saturating_add(self.leaky)),
+            i: self.integral().saturating_add(self.leaky),
             d: Newton::from_wide(derivative + damping),
         }
     }
@@ -158,29 +163,22 @@ impl Pid {
         } else {
             (gain_q30 * (Stillness::ONE + REST_BOOST * i64::from(boost.q24()))) >> 24
         };
-        let leaky_q30 =
-            (i64::from(config.leaky_ki_us) * i64::from(measured.dt_us)) >> (KI_SHIFT - 30);
-        let excess = i64::from(excess.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
-        let addition = |gain_q30: i64| {
-            let addition = error * gain_q30.min(1 << 31);
-            if excess > 0 && addition > 0 {
-                addition.saturating_sub(excess).max(0)
-            } else if excess < 0 && addition < 0 {
-                addition.saturating_sub(excess).min(0)
-            } else {
-                addition
-            }
-        };
+        let wide = i64::from(excess.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
+        let addition = cut(error * boosted.min(1 << 31), wide);
         let limit = i64::from(config.force_limit.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
-        self.integral = clamp_abs(self.integral.saturating_add(addition(boosted)), limit);
-        let left = self.leaky - (self.leaky >> 16) * LEAK_Q16;
-        self.leaky = clamp_abs(left.saturating_add(addition(leaky_q30)), limit);
+        self.integral = clamp_abs(self.integral.saturating_add(addition), limit);
+
+        // The leaking one counts nominal samples.
+        let leaky = i64::from(self.leaky.to_bits());
+        let addition = (error * i64::from(config.leaky_ki)) >> 24;
+        let addition = cut(addition, i64::from(excess.to_bits()));
+        self.leaky = Newton::from_wide(leaky - ((leaky * LEAK_Q16) >> 16) + addition);
     }
 
     /// The integral without the leaking one.
     #[must_use]
     pub const fn integral(&self) -> Newton {
-        newton(self.integral)
+        Newton::from_wide(self.integral >> (INTEGRAL_SHIFT - Newton::FRAC_BITS))
     }
 
     /// Takes a part off the integral that another term takes over.
@@ -191,7 +189,7 @@ impl Pid {
 
     /// Sets the integral so that the command goes on without a jump; the leaking one begins anew.
     pub fn set_integral(&mut self, config: &Config, value: Newton) {
-        self.leaky = 0;
+        self.leaky = Newton::ZERO;
         let value = value.clamp_abs(config.force_limit);
         self.integral = i64::from(value.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
     }

@@ -479,7 +479,6 @@ impl Reference {
                     1.0 + 4.0 * still
                 };
                 let gain = (q16(w.ki_q16) * dt_us * 1e-6 * boost).min(2.0);
-                let leaky_gain = (q16(w.leaky_ki_q16) * dt_us * 1e-6).min(2.0);
                 let excess = unlimited - self.command;
                 let addition = |gain: f64| match gain * error {
                     addition if excess > 0.0 && addition > 0.0 => (addition - excess).max(0.0),
@@ -487,8 +486,8 @@ impl Reference {
                     addition => addition,
                 };
                 self.integral = (self.integral + addition(gain)).clamp(-limit, limit);
-                let left = self.leaky * (1.0 - 3_001.0 / 65_536.0);
-                self.leaky = (left + addition(leaky_gain)).clamp(-limit, limit);
+                let leaky_gain = q16(w.leaky_ki_q16) / RATE;
+                self.leaky += addition(leaky_gain) - self.leaky * 3_001.0 / 65_536.0;
                 self.closed = true;
                 let short = 1.0 - self.direction.abs() - 2f64.powi(-10);
                 // Fixed point may see it the other way round where the reel nearly slides. The
