@@ -115,28 +115,13 @@ impl Layout {
             origin: Origin::Nothing,
             is_text: true,
             second: vec![],
-            rate: rate(&lines[..data], separator)
-                .or_else(|| stated_rate(&lines[..data]))
-                .or_else(|| frame_rate(&lines[..data], separator)),
+            rate: rate(&lines[..data], separator),
             turns: turns(&lines[data..], &row),
         };
         let above: Vec<Vec<&str>> = lines[..data].iter().map(|l| row.head(l.1)).collect();
         let marked = lines[..data].iter().map(|l| l.1);
         let marked = marked.filter(|l| MARKED.iter().any(|mark| l.starts_with(mark)));
-        let last_comment = comments.last();
-        let comments: Vec<Vec<&str>> = marked
-            .chain(comments.iter().copied())
-            .map(|c| {
-                let text = c.trim_start_matches(['%', '#', ' ', '/', '!', '*', '-']);
-                (Some(&c) == last_comment, split(text, separator))
-            })
-            // A sentence may have as many words as there are columns.
-            .filter(|(last, names)| {
-                let known = |n: &&str| Name::of(n).role().is_some() || n.starts_with(['[', '(']);
-                names.len() == cells && (*last || names.iter().any(known))
-            })
-            .map(|(_, names)| names)
-            .collect();
+        let comments = names_in_comments(marked.chain(comments).collect(), separator, cells);
         let longer = row.longer_header(&lines[..data]);
         let names = if let Some(names) = longer {
             layout.origin = Origin::Line(lines[data - 1].0 + 1);
@@ -298,6 +283,24 @@ impl Row<'_> {
 /// What begins a line of comment in the files of other programs, beside `%` and `#`.
 const MARKED: [&str; 4] = ["//", "!", "--", "*"];
 
+/// The cells of comments that may name the columns: as many as there are columns, and one of them
+/// says what it is, or it is the last comment. A sentence may have as many words.
+fn names_in_comments<'a>(
+    comments: Vec<&'a str>,
+    separator: &str,
+    columns: usize,
+) -> Vec<Vec<&'a str>> {
+    let last = comments.len().saturating_sub(1);
+    let known = |n: &&str| Name::of(n).role().is_some() || n.starts_with(['[', '(']);
+    let all = comments.iter().enumerate().map(|(i, comment)| {
+        let text = comment.trim_start_matches(['%', '#', ' ', '/', '!', '*', '-']);
+        (i == last, split(text, separator))
+    });
+    all.filter(|(last, n)| n.len() == columns && (*last || n.iter().any(known)))
+        .map(|(_, names)| names)
+        .collect()
+}
+
 /// The marks of a number with marks between its thousands, in any cell of a line.
 fn marks_in(line: &str) -> Option<Marks> {
     let has = |mark: char| line.contains(mark);
@@ -422,8 +425,15 @@ fn below_label_of_data(lines: &[Line]) -> usize {
     at.filter(|at| at + 1 < lines.len()).map_or(0, |at| at + 1)
 }
 
-/// Rows per second by the step that a LabVIEW measurement file states above its rows.
+/// Rows per second, where the lines above them say so.
 fn rate(above: &[Line], separator: &str) -> Option<f64> {
+    rate_of_labview(above, separator)
+        .or_else(|| stated_rate(above))
+        .or_else(|| frame_rate(above, separator))
+}
+
+/// Rows per second by the step that a LabVIEW measurement file states above its rows.
+fn rate_of_labview(above: &[Line], separator: &str) -> Option<f64> {
     let cells = above.iter().map(|l| split(l.1, separator));
     let mut steps = cells.filter(|c| c.first() == Some(&"Delta_X"));
     let step: f64 = steps.next()?.get(1)?.parse().ok()?;
