@@ -19,10 +19,6 @@ const LONGEST: f64 = 10.0;
 /// Factor between values of a time constant.
 const FURTHER: f64 = 1.61;
 
-/// Standard errors by which a delay must predict worse to be excluded, as for rivals with one curve
-/// (`indistinguishable` of the search).
-const EXCLUDED_FROM: f64 = 2.5;
-
 pub struct CableStretch;
 
 /// Labels of the spring: over an arc on which a weight looks different, and over a shorter one.
@@ -44,12 +40,9 @@ impl Effect for CableStretch {
     fn twin(&self, label: &str) -> Option<EffectKind> {
         (label == SHORT_SPRING).then_some(EffectKind::GravityAngle)
     }
-    /// Over a longer arc noise may hide the curve of a weight. A lag and a delay differ in how they
-    /// change the fastest part of the load only, which may be below the noise.
+    /// Over a longer arc noise may hide the curve of a weight.
     fn lookalikes(&self, ctx: &Context) -> Vec<Lookalike> {
-        let mut all = weights(ctx);
-        all.extend(Lookalike::of(&[EffectKind::Delay], EXCLUDED_FROM, ctx));
-        all
+        weights(ctx)
     }
     /// For a loop slower than the lag, a first-order lag is a delay of its time constant.
     fn remedies(&self, found: &Found) -> Vec<Remedy> {
