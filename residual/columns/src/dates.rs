@@ -52,8 +52,9 @@ impl Stamp {
 
 /// Reads a date, with or without a time of day, or a time of day: `2026-03-04`, `2026/03/04`,
 /// `20260304`, `04.03.2026`, `04/03/2026`, `04-Mar-2026`, `23:59:50.010`, `23:59:50:010`,
-/// `11:59:50 PM`, minutes and seconds with a fraction (`59:50.01`), both with a blank or a T between them, with a zone behind them (`Z`, `UTC`,
-/// `+01:00`, `-0330`, `+01`) or none. `None` of any other text, and of eight digits alone.
+/// `11:59:50 PM`, minutes and seconds with a fraction (`59:50.01`), both with a blank or a T
+/// between them, with a zone behind them (`Z`, `UTC`, `+01:00`, `-0330`, `+01`) or none. `None` of
+/// any other text, and of eight digits alone.
 #[must_use]
 pub fn stamp(cell: &str) -> Option<Stamp> {
     let cell = cell.trim().trim_matches('"');
