@@ -52,13 +52,14 @@ impl Stamp {
 
 /// Reads a date, with or without a time of day, or a time of day: `2026-03-04`, `2026/03/04`,
 /// `20260304`, `04.03.2026`, `04/03/2026`, `04-Mar-2026`, `23:59:50.010`, `23:59:50:010`,
-/// `11:59:50 PM`, both with a blank or a T between them, with a zone behind them (`Z`, `UTC`,
-/// `+01:00`, `-0330`, `+01`) or none. `None` of any other text, and of eight digits alone.
+/// `11:59:50 PM`, minutes and seconds with a fraction (`59:50.01`), both with a blank or a T
+/// between them, with a zone behind them (`Z`, `UTC`, `+01:00`, `-0330`, `+01`) or none. `None` of
+/// any other text, and of eight digits alone.
 #[must_use]
 pub fn stamp(cell: &str) -> Option<Stamp> {
     let cell = cell.trim().trim_matches('"');
     // What is not this long, or does not begin with a digit, is no date: most text ends here.
-    if !(8..=40).contains(&cell.len()) || !cell.starts_with(|c: char| c.is_ascii_digit()) {
+    if !(7..=40).contains(&cell.len()) || !cell.starts_with(|c: char| c.is_ascii_digit()) {
         return None;
     }
     if let Some(day) = date(cell, false) {
@@ -74,7 +75,9 @@ pub fn stamp(cell: &str) -> Option<Stamp> {
         return Some(stamp);
     }
     let (day, time) = cell.split_once(['T', ' '])?;
-    if let Some((stamp, half)) = time_of_day(time.trim()) {
+    // Behind a date two numbers are hours and minutes.
+    let whole = time.matches(':').count() != 1;
+    if let Some((stamp, half)) = time_of_day(time.trim()).filter(|_| whole) {
         return both(date(day, half)?, stamp);
     }
     // Without marks: 20260304T235950.010Z.
@@ -223,7 +226,8 @@ fn time_of_day(text: &str) -> Option<(Stamp, bool)> {
     let (whole, fraction) = last
         .or_else(|| time.split_once(['.', ',']))
         .unwrap_or((time, "0"));
-    let [mut hours, minutes, seconds] = numbers(whole, ':')?;
+    let [mut hours, minutes, seconds] =
+        numbers(whole, ':').or_else(|| minutes_and_seconds(whole, time, half.is_some()))?;
     let digits = !fraction.is_empty() && fraction.bytes().all(|b| b.is_ascii_digit());
     if half.is_some() {
         hours = (1..=12).contains(&hours).then_some(hours % 12 + add)?;
@@ -240,6 +244,19 @@ fn time_of_day(text: &str) -> Option<(Stamp, bool)> {
         unsure: false,
     };
     Some((stamp, half.is_some()))
+}
+
+/// Hours, minutes and seconds of a time of minutes and seconds: `19:59.5`, as spreadsheets show
+/// one. Without a fraction it may be hours and minutes.
+fn minutes_and_seconds(whole: &str, time: &str, half: bool) -> Option<[u32; 3]> {
+    let (minutes, seconds) = whole.split_once(':')?;
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    let is_one = whole.len() < time.len() && !half && digits(minutes) && digits(seconds);
+    let minutes: u32 = minutes
+        .parse()
+        .ok()
+        .filter(|_| is_one && seconds.len() == 2)?;
+    Some([minutes / 60, minutes % 60, seconds.parse().ok()?])
 }
 
 /// Seconds by which a zone is before UTC; 0 without one.
@@ -300,6 +317,8 @@ mod tests {
             ("20260304T100000.25Z", day + 36_000.25, Kind::Both),
             ("23:59:50:010", 86_390.01, Kind::TimeOfDay),
             ("11:59:50 PM", 86_390.0, Kind::TimeOfDay),
+            ("00:19.99", 19.99, Kind::TimeOfDay),
+            ("75:10.5", 4510.5, Kind::TimeOfDay),
         ] {
             let (read, of) = seconds(text).unwrap();
             assert!(
@@ -311,6 +330,10 @@ mod tests {
             "",
             "1.5",
             "12:30",
+            "0012:30",
+            "0016:9.5",
+            "00:19.99 PM",
+            "2026-03-04 10:11.5",
             "192.168.1.1",
             "1.2.3",
             "2026-13-04",

@@ -11,6 +11,18 @@ pub fn median(v: &mut [f64]) -> Option<f64> {
     (!v.is_empty()).then(|| quantile_sorted(v, 0.5))
 }
 
+/// Quantile of values, linear between them, by selection: their order changes. 0 if empty.
+pub fn quantile(v: &mut [f64], q: f64) -> f64 {
+    if v.is_empty() {
+        return 0.0;
+    }
+    let x = q.clamp(0.0, 1.0) * (v.len() - 1) as f64;
+    let i = x as usize;
+    let (_, at, above) = v.select_nth_unstable_by(i, f64::total_cmp);
+    let next = above.iter().copied().min_by(f64::total_cmp);
+    *at + (next.unwrap_or(*at) - *at) * (x - i as f64)
+}
+
 /// Quantile of sorted values, linear between them; 0 if empty.
 pub fn quantile_sorted(v: &[f64], q: f64) -> f64 {
     if v.is_empty() {
@@ -161,6 +173,20 @@ impl Rng {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn selection_gives_the_quantiles_of_sorting() {
+        for n in [1, 2, 7, 100] {
+            let values: Vec<f64> = (0..n).map(|i| f64::from(i * 37 % 101)).collect();
+            let mut sorted = values.clone();
+            sorted.sort_by(f64::total_cmp);
+            for q in [0.0, 0.1, 0.5, 0.77, 1.0] {
+                let found = quantile(&mut values.clone(), q);
+                assert_eq!(found, quantile_sorted(&sorted, q), "{n} {q}");
+            }
+        }
+        assert_eq!(quantile(&mut [], 0.5), 0.0);
+    }
 
     #[test]
     fn tails_match_tables() {

@@ -1,8 +1,11 @@
 //! Where to look for ripples: peaks of the residual's spectrum over time or angle.
 
 use super::Context;
+use rayon::prelude::*;
 use residual_fit::problem::Problem;
-use rustfft::{num_complex::Complex, FftPlanner};
+use rustfft::{num_complex::Complex, Fft, FftPlanner};
+use std::ops::Range;
+use std::sync::Arc;
 
 /// Highest frequency (cycles per unit of `u`) that rows this far apart can carry: half the inverse
 /// of the step that `share` of the steps are below. 0.5 is right for steps that are all alike.
@@ -18,8 +21,7 @@ pub fn highest_frequency(p: &Problem, u: &[f64], share: f64) -> f64 {
     if steps.is_empty() {
         return 0.0;
     }
-    steps.sort_by(f64::total_cmp);
-    0.5 / residual_columns::stats::quantile_sorted(&steps, share)
+    0.5 / residual_columns::stats::quantile(&mut steps, share)
 }
 
 /// How often the power of a line exceeds the median around it. The highest of a few hundred random
@@ -39,6 +41,9 @@ pub struct Look {
     pub lines: bool,
 }
 
+/// Decoys whose peaks are tried as well.
+const DECOYS: usize = 6;
+
 /// Frequencies worth trying: the largest peaks of the residual's spectrum over `u`, and those of a
 /// few decoys, so that decoys may search as the real residual does. `weight` (empty: 1) multiplies
 /// the residual.
@@ -51,21 +56,29 @@ pub fn proposals(ctx: &Context, u: &[f64], weight: &[f64], look: &Look) -> Vec<f
     {
         return out;
     }
-    for decoy in 0..=6usize {
+    let Some(cells) = Cells::new(p, u, look.highest, look.coherent) else {
+        return out;
+    };
+    let decoys: Vec<Option<&Vec<f64>>> = std::iter::once(None)
+        .chain(p.flips.iter().take(DECOYS).map(Some))
+        .collect();
+    // An effect with a spectrum takes longest to say what it offers: other threads would wait.
+    out.par_extend(decoys.par_iter().flat_map_iter(|signs| {
         let mut r: Vec<f64> = ctx.residual.to_vec();
         if !weight.is_empty() {
             r.iter_mut().zip(weight).for_each(|(r, w)| *r *= w);
         }
-        if decoy > 0 {
-            let Some(signs) = p.flips.get(decoy - 1) else {
-                break;
-            };
-            for (b, s) in p.blocks.iter().zip(signs) {
+        if let Some(signs) = signs {
+            for (b, s) in p.blocks.iter().zip(*signs) {
                 r[b.range.clone()].iter_mut().for_each(|x| *x *= s);
             }
         }
-        out.extend(peaks(p, u, &r, look, if decoy == 0 { 5 } else { 2 }));
-    }
+        peaks_of(
+            &cells.spectrum(&r),
+            look,
+            if signs.is_none() { 5 } else { 2 },
+        )
+    }));
     out.sort_by(f64::total_cmp);
     out.dedup();
     out
@@ -109,15 +122,22 @@ pub struct Spectrum {
     runs: usize,
 }
 
-impl Spectrum {
-    /// The spectrum up to `highest`; `None` if `u` does not move.
-    pub fn new(
-        p: &Problem,
-        u: &[f64],
-        r: &[f64],
-        highest: f64,
-        coherent: bool,
-    ) -> Option<Spectrum> {
+/// Where values over `u` go before they are transformed, and how: the same for all values on the
+/// same rows.
+pub struct Cells<'a> {
+    u: &'a [f64],
+    /// Runs and the lowest `u` of each.
+    runs: Vec<(Range<usize>, f64)>,
+    /// Longest run.
+    span: f64,
+    /// Width of a cell.
+    width: f64,
+    fft: Arc<dyn Fft<f64>>,
+}
+
+impl<'a> Cells<'a> {
+    /// Cells for spectra up to `highest`; `None` if `u` does not move.
+    pub fn new(p: &Problem, u: &'a [f64], highest: f64, coherent: bool) -> Option<Cells<'a>> {
         // Runs of rows: whole sequences for powers, everything at once when phases count.
         let mut runs = p.rows_of_runs();
         if coherent {
@@ -125,15 +145,15 @@ impl Spectrum {
             runs.truncate(1);
             runs[0] = start..end;
         }
-        let ends = |run: &std::ops::Range<usize>| {
+        let mut span = 0.0f64;
+        let runs = runs.into_iter().map(|run| {
             let s = &u[run.clone()];
             let lo = s.iter().copied().fold(f64::MAX, f64::min);
-            (lo, s.iter().copied().fold(f64::MIN, f64::max))
-        };
-        let span = runs
-            .iter()
-            .map(|run| ends(run).1 - ends(run).0)
-            .fold(0.0, f64::max);
+            let hi = s.iter().copied().fold(f64::MIN, f64::max);
+            span = span.max(hi - lo);
+            (run, lo)
+        });
+        let runs = runs.collect();
         if span <= 0.0 {
             return None;
         }
@@ -141,33 +161,44 @@ impl Spectrum {
         let cells = ((4.0 * highest * span).ceil() as usize)
             .clamp(64, 1 << 21)
             .next_power_of_two();
-        let width = (1.0 / (4.0 * highest)).max(span / cells as f64);
-        let n = cells * 2;
-        let mut planner = FftPlanner::<f64>::new();
-        let fft = planner.plan_fft_forward(n);
+        Some(Cells {
+            u,
+            runs,
+            span,
+            width: (1.0 / (4.0 * highest)).max(span / cells as f64),
+            fft: FftPlanner::new().plan_fft_forward(cells * 2),
+        })
+    }
+
+    /// The spectrum of values.
+    pub fn spectrum(&self, r: &[f64]) -> Spectrum {
+        let n = self.fft.len();
         let mut power = vec![0.0; n / 2];
-        for run in &runs {
-            let lo = ends(run).0;
+        let mut buf = vec![Complex::new(0.0, 0.0); n];
+        let mut scratch = vec![Complex::new(0.0, 0.0); self.fft.get_inplace_scratch_len()];
+        for (run, lo) in &self.runs {
             let mean = residual_columns::stats::mean(&r[run.clone()]);
-            let mut buf = vec![Complex::new(0.0, 0.0); n];
+            buf.fill(Complex::new(0.0, 0.0));
             for i in run.clone() {
-                let k = (((u[i] - lo) / width) as usize).min(n - 1);
+                let k = (((self.u[i] - lo) / self.width) as usize).min(n - 1);
                 buf[k].re += r[i] - mean;
             }
-            fft.process(&mut buf);
+            self.fft.process_with_scratch(&mut buf, &mut scratch);
             power
                 .iter_mut()
                 .zip(&buf)
                 .for_each(|(p, z)| *p += z.norm_sqr());
         }
-        Some(Spectrum {
+        Spectrum {
             power,
-            bin: 1.0 / (n as f64 * width),
-            span,
-            runs: runs.len(),
-        })
+            bin: 1.0 / (n as f64 * self.width),
+            span: self.span,
+            runs: self.runs.len(),
+        }
     }
+}
 
+impl Spectrum {
     /// Whether the power in bin `k` stands alone: so many times above the median around it.
     fn stands_alone(&self, k: usize, coherent: bool) -> bool {
         // Resolution in bins; neighbours are two to twelve of them away on either side.
@@ -207,19 +238,25 @@ impl Spectrum {
     }
 }
 
-/// The `count` largest peaks between `lowest` and `highest`.
+/// The `count` largest peaks of values between `lowest` and `highest`.
 pub fn peaks(p: &Problem, u: &[f64], r: &[f64], look: &Look, count: usize) -> Vec<f64> {
-    let Some(spectrum) = Spectrum::new(p, u, r, look.highest, look.coherent) else {
-        return vec![];
-    };
+    Cells::new(p, u, look.highest, look.coherent)
+        .map_or(vec![], |cells| peaks_of(&cells.spectrum(r), look, count))
+}
+
+fn peaks_of(spectrum: &Spectrum, look: &Look, count: usize) -> Vec<f64> {
     let (power, bin) = (&spectrum.power, spectrum.bin);
     let lo = ((look.lowest / bin) as usize).max(1);
     let hi = ((look.highest / bin) as usize).min(power.len().saturating_sub(2));
     let mut tops: Vec<usize> = (lo..hi)
         .filter(|&k| power[k] >= power[k - 1] && power[k] > power[k + 1])
         .collect();
-    tops.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
-    tops.truncate(count);
+    let larger = |a: &usize, b: &usize| power[*b].total_cmp(&power[*a]).then(a.cmp(b));
+    if tops.len() > count {
+        tops.select_nth_unstable_by(count, larger);
+        tops.truncate(count);
+    }
+    tops.sort_unstable_by(larger);
     if look.lines {
         tops.retain(|&k| spectrum.stands_alone(k, look.coherent));
     }

@@ -276,13 +276,16 @@ fn driven_lines(ctx: &Context, time: &[f64], highest: f64) -> Vec<Driven> {
             .iter()
             .map(|v| (format!("sgn({v}, {})", ctx.deadband), false)),
     );
+    let Some(cells) = spectrum::Cells::new(ctx.problem, time, highest, false) else {
+        return vec![];
+    };
     texts
         .iter()
         .map(|(t, answers)| (ctx.values(t), *answers))
         .filter(|(v, _)| v.len() == time.len())
-        .filter_map(|(v, answers)| {
-            let spectrum = spectrum::Spectrum::new(ctx.problem, time, &v, highest, false)?;
-            Some(Driven { spectrum, answers })
+        .map(|(v, answers)| Driven {
+            spectrum: cells.spectrum(&v),
+            answers,
         })
         .collect()
 }

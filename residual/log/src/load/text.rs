@@ -85,6 +85,7 @@ fn other_format(head: &[u8]) -> Option<&'static str> {
         (b"\x93NUMPY", "a NumPy array"),
         (b"MATLAB 5.0", "a MATLAB file"),
         (b"\x89HDF", "an HDF5 file, as .h5 and new .mat are"),
+        (b"MATLAB 7", "an HDF5 file, as .h5 and new .mat are"),
         (b"PAR1", "Parquet without the extension .parquet"),
         (b"ARROW1", "an Arrow or Feather file"),
         (b"\x28\xb5\x2f\xfd", "compressed by zstd"),

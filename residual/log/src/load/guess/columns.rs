@@ -80,18 +80,28 @@ impl Chosen {
         found.2.as_deref()
     }
 
-    /// Takes a setpoint of the target's own unit for the command where the log has no command:
-    /// then it is what the machine was told.
+    /// Takes a setpoint of the target's own unit, or of its quantity by its name, for the command
+    /// where the log has no command: then it is what the machine was told.
     fn command_from_setpoint(&mut self, columns: &[Column], target: usize) {
         let unit = |i: usize| columns[i].name.unit;
+        let quantity = |i: usize| {
+            let words = &columns[i].name.words;
+            words.iter().any(|w| columns[target].name.words.contains(w))
+        };
         let has_command = self.get("command").is_some();
         let setpoint = self.roles.iter_mut().find(|r| r.0 == "setpoint");
         if let Some(entry) = setpoint.filter(|r| !has_command && unit(r.1) == unit(target)) {
-            if !unit(target).is_empty() {
+            let is_quantity = quantity(entry.1);
+            if is_quantity || !unit(target).is_empty() {
+                let what = if is_quantity {
+                    "of the quantity"
+                } else {
+                    "in the unit"
+                };
                 entry.0 = "command";
-                entry.2 = Some(
-                    "a setpoint in the unit of the target, taken for what was commanded".into(),
-                );
+                entry.2 = Some(format!(
+                    "a setpoint {what} of the target, taken for what was commanded"
+                ));
             }
         }
     }

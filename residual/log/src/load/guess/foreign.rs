@@ -237,6 +237,45 @@ fn further() -> Vec<Foreign> {
     ]
 }
 
+/// Files of a third set of kinds, made after the first model file ran on those of the others.
+fn others() -> Vec<Foreign> {
+    let names = "t,cmd,speed,force";
+    let four = |[t, c, v, _, f]: [f64; 5]| [t, c, v, f];
+    let with = |v: [f64; 5], between: &str| cells(&four(v)[1..], between);
+    let of =
+        |head: &str, line: &dyn Fn(usize, [f64; 5]) -> String| format!("{head}\n{}", lines(line));
+    let text = |what, name, text: String| (what, name, text.into_bytes());
+    let clock = |t: f64| format!("10:00:{t:06.3}");
+    let point = |v: [f64; 5]| cells(&four(v), ",");
+    vec![
+        text("an oscilloscope's settings, with an empty line below", "T0001.csv", of("Model,X24\nWaveform Type,ANALOG\nHorizontal Units,s\nSample Interval,0.01\nRecord Length,300\nVertical Units,V,,\nLabel,,,\n\nTIME,CH1,CH2,CH3", &|_, v| format!("{:.6e},{}", v[0] - 1.5, with(v, ",")))),
+        text("segments of an oscilloscope", "C1.csv", of("LX24,24356,Waveform\nSegments,1,SegmentSize,300\nSegment,TrigTime,TimeSinceSegment1\n#1,04-Mar-2026 10:11:12,0\nTime,Ampl1,Ampl2,Ampl3", &|_, v| point(v))),
+        text("units in brackets and an empty line", "p.csv", of("Time,Channel A,Channel B,Channel C\n(ms),(V),(V),(mV)\n", &|i, v| format!("{},{}", 10 * i, with(v, ",")))),
+        text("settings with a step and a German time", "t.asc", of("T0 = 04.03.2026 10:11:12\ndt = 0,01\n3 Kan\u{e4}le\nZeit 1 - Messrate [s]\tSollkraft [N]\tDrehzahl [rad/s]\tKraft [N]", &|_, v| cells(&four(v), "\t").replace('.', ",")).replace('\n', "\r\n")),
+        text("a first column without values", "c.csv", of("origin;X\npath;x-axis;cmd;speed;force\nunit;s;N;rad/s;N", &|_, v| format!(";{}", cells(&four(v), ";")))),
+        text("names, start times and a step above the rows", "s.txt", of("channel names:\ncmd\tspeed\tforce\nstart times:\n04.03.2026 10:11:12\t04.03.2026 10:11:12\t04.03.2026 10:11:12\ndt:\n0.010000\t0.010000\t0.010000\ndata:", &|_, v| with(v, "\t"))),
+        text("a rate above rows without a time", "r.txt", of("Sample Rate: 100 Hz\nChannels: cmd, speed, force\n", &|_, v| with(v, "\t"))),
+        text("frames and their rate", "v.csv", of("Devices\n100\n,,Force,,\nFrame,Sub Frame,Command,Speed,Force\n,,N,rad/s,N", &|i, v| format!("{},0,{}", i + 1, with(v, ",")))),
+        text("frames, with kinds and numbers of bodies", "o.csv", of("Format Version,1.23,Take Name,Take 1,Capture Frame Rate,100.000000\n\n,Type,Rigid Body,Rigid Body,Rigid Body\n,Name,cmd,speed,force\n,ID,1,2,3\n,,Position,Position,Position\nFrame,Time,X,X,X", &|i, v| format!("{i},{:.6},{}", v[0], with(v, ",")))),
+        text("a counter with T in its name beside times of day", "a.csv", of("\"Status (hex)\",\"RDTSequence\",\"F/T Sequence\",\"Fx\",\"Fy\",\"Fz\",\"Time\"", &|i, v| format!("\"0x00000000\",\"{i}\",\"{}\",\"{}\",\"{}\"", 70 * i, with(v, "\",\""), clock(v[0])))),
+        text("stamps of seconds and nanoseconds without names", "e.csv", lines(|i, v| format!("{},{},base,{}", 1_770_000_000 + i / 100, i % 100 * 10_000_000, with(v, ",")))),
+        text("a comment of as many words as columns", "m.txt", of("# Created by Octave 8.4.0\n# name: log\n# type: matrix\n# rows: 300\n# columns: 4", &|_, v| cells(&four(v), " "))),
+        text("minutes and seconds", "a.csv", of("Elapsed,Command,Velocity,Force", &|_, v| format!("{:02}:{:05.2},{}", 59 + (v[0] / 60.0) as usize, v[0] % 60.0, with(v, ",")))),
+        text("microseconds since 1970", "a.csv", of("timestamp,cmd,speed,force", &|i, v| format!("{},{}", 1_770_000_000_000_000_u64 + 10_000 * i as u64, with(v, ",")))),
+        text("nanoseconds since 1970", "a.csv", of("%time,field.cmd,field.velocity0,field.force", &|i, v| format!("{},{}", 1_770_000_000_000_000_000_u64 + 10_000_000 * i as u64, with(v, ",")))),
+        text("times below zero", "a.csv", of("Time_ms,cmd_N,speed_radps,force_N", &|i, v| format!("{},{}", 10 * i as i64 - 1000, with(v, ",")))),
+        text("a counter in hexadecimal", "a.csv", of("cnt,micros,cmd,speed,force", &|i, v| format!("0x{i:04X},{},{}", 10_000 * i, with(v, ",")))),
+        text("marks between thousands as in Switzerland", "a.csv", of("Zeit (ms);Sollkraft (mN);Geschwindigkeit (mrad/s);Kraft (mN)", &|i, [_, c, v, _, f]| format!("{};{}'{:03}.5;{:.1};{}'{:03}.5", 10 * i, (1000.0 * c) as usize / 1000, (1000.0 * c) as usize % 1000, 1000.0 * v, (1000.0 * f) as usize / 1000, (1000.0 * f) as usize % 1000))),
+        text("comments in the middle", "a.csv", of(names, &|i, v| if i % 60 == 30 { format!("# mark {i}\n{}", point(v)) } else { point(v) })),
+        text("an empty line behind each row", "a.csv", of(names, &|_, v| point(v) + "\n")),
+        text("a table of pipes", "a.txt", of("| t | cmd | speed | force |\n|---|---|---|---|", &|_, v| format!("| {} |", cells(&four(v), " | ")))),
+        text("columns of a fixed width", "a.prn", of("         t       cmd     speed     force", &|_, [t, c, v, _, f]| format!("{t:10.4}{c:10.4}{v:10.4}{f:10.4}"))),
+        text("an annotated table of a database", "a.csv", of("#group,false,false,true,false,false,false\n#datatype,string,long,dateTime:RFC3339,double,double,double\n#default,_result,,,,,\n,result,table,_time,cmd,speed,force", &|_, v| format!(",,0,2026-03-04T{}Z,{}", clock(v[0]), with(v, ",")))),
+        text("six hundred more columns", "a.csv", of(&format!("{names}{}", (0..600).map(|k| format!(",ch{k}")).collect::<String>()), &|i, v| point(v) + &(0..600).map(|k| format!(",{}", i * k % 7)).collect::<String>())),
+        text("desired and measured values of a robot", "a.csv", of("time[ms],tau_J_d[0],dq[0],q[0],tau_J[0]", &|i, [_, c, v, q, f]| format!("{},{}", 10 * i, cells(&[c, v, q, f], ",")))),
+    ]
+}
+
 /// A table of columns, compressed with zstd as pandas and polars can.
 #[cfg(feature = "parquet")]
 fn zstd() -> Vec<u8> {
@@ -319,4 +358,9 @@ fn the_first_model_file_runs_on_nearly_all_foreign_files() {
 #[test]
 fn the_first_model_file_runs_on_files_of_further_kinds() {
     count(&further());
+}
+
+#[test]
+fn the_first_model_file_runs_on_files_of_a_third_set_of_kinds() {
+    count(&others());
 }

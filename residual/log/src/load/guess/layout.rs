@@ -3,7 +3,9 @@
 use super::super::cells::{self, Affix, Marks};
 use super::super::text;
 use super::header;
+use super::names::Name;
 use crate::spec::Input;
+use residual_columns::dates;
 use residual_columns::error::Error;
 use std::io::Read;
 use std::path::Path;
@@ -94,7 +96,7 @@ impl Layout {
             separator,
             marks,
         };
-        let from = header_of_labview(&lines);
+        let from = header_of_labview(&lines).max(below_label_of_data(&lines));
         let data = lines[from..]
             .iter()
             .position(|l| row.fits(l.1))
@@ -119,16 +121,7 @@ impl Layout {
         let above: Vec<Vec<&str>> = lines[..data].iter().map(|l| row.head(l.1)).collect();
         let marked = lines[..data].iter().map(|l| l.1);
         let marked = marked.filter(|l| MARKED.iter().any(|mark| l.starts_with(mark)));
-        let comments: Vec<Vec<&str>> = marked
-            .chain(comments.iter().copied())
-            .map(|c| {
-                split(
-                    c.trim_start_matches(['%', '#', ' ', '/', '!', '*', '-']),
-                    separator,
-                )
-            })
-            .filter(|names| names.len() == cells)
-            .collect();
+        let comments = names_in_comments(marked.chain(comments).collect(), separator, cells);
         let longer = row.longer_header(&lines[..data]);
         let names = if let Some(names) = longer {
             layout.origin = Origin::Line(lines[data - 1].0 + 1);
@@ -257,10 +250,11 @@ impl Row<'_> {
         cells.take(count).map(str::to_string).collect()
     }
 
-    /// Whether a line may name the columns: it has no number where a row has one.
+    /// Whether a line may name the columns: it has no number and no date where a row has a number.
     fn may_name(&self, cells: &[&str]) -> bool {
         let mut columns = self.is_number.iter().zip(cells);
-        cells.len() == self.is_number.len() && !columns.any(|(n, c)| *n && is_number(c, self.marks))
+        let is_value = |c: &str| is_number(c, self.marks) || dates::stamp(c).is_some();
+        cells.len() == self.is_number.len() && !columns.any(|(n, c)| *n && is_value(c))
     }
 
     /// Place and cells of the last line that names the columns, and the cells of the second line of
@@ -288,6 +282,24 @@ impl Row<'_> {
 
 /// What begins a line of comment in the files of other programs, beside `%` and `#`.
 const MARKED: [&str; 4] = ["//", "!", "--", "*"];
+
+/// The cells of comments that may name the columns: as many as there are columns, and one of them
+/// says what it is, or it is the last comment. A sentence may have as many words.
+fn names_in_comments<'a>(
+    comments: Vec<&'a str>,
+    separator: &str,
+    columns: usize,
+) -> Vec<Vec<&'a str>> {
+    let last = comments.len().saturating_sub(1);
+    let known = |n: &&str| Name::of(n).role().is_some() || n.starts_with(['[', '(']);
+    let all = comments.iter().enumerate().map(|(i, comment)| {
+        let text = comment.trim_start_matches(['%', '#', ' ', '/', '!', '*', '-']);
+        (i == last, split(text, separator))
+    });
+    all.filter(|(last, n)| n.len() == columns && (*last || n.iter().any(known)))
+        .map(|(_, names)| names)
+        .collect()
+}
 
 /// The marks of a number with marks between its thousands, in any cell of a line.
 fn marks_in(line: &str) -> Option<Marks> {
@@ -402,12 +414,101 @@ fn header_of_labview(lines: &[Line]) -> usize {
     names.filter(|_| is_labview).unwrap_or(0)
 }
 
-/// Rows per second by the step that a LabVIEW measurement file states above its rows.
+/// Place of the line below one that has nothing but a label of the rows, as `data:` and `[DATA]`: a
+/// line of numbers above it is no row. 0 for a file without one.
+fn below_label_of_data(lines: &[Line]) -> usize {
+    let is_label = |line: &str| {
+        let line = line.trim().to_lowercase();
+        ["data:", "[data]"].contains(&line.as_str())
+    };
+    let at = lines.iter().position(|l| is_label(l.1));
+    at.filter(|at| at + 1 < lines.len()).map_or(0, |at| at + 1)
+}
+
+/// Rows per second, where the lines above them say so.
 fn rate(above: &[Line], separator: &str) -> Option<f64> {
+    rate_of_labview(above, separator)
+        .or_else(|| stated_rate(above))
+        .or_else(|| frame_rate(above, separator))
+}
+
+/// Rows per second by the step that a LabVIEW measurement file states above its rows.
+fn rate_of_labview(above: &[Line], separator: &str) -> Option<f64> {
     let cells = above.iter().map(|l| split(l.1, separator));
     let mut steps = cells.filter(|c| c.first() == Some(&"Delta_X"));
     let step: f64 = steps.next()?.get(1)?.parse().ok()?;
     (step > 0.0 && step.is_finite()).then_some(1.0 / step)
+}
+
+/// Words before the step of the rows, and before their rate, in the lines above them.
+const STEPS: [&str; 6] = [
+    "dt",
+    "delta t",
+    "sample interval",
+    "sampling interval",
+    "sample period",
+    "sampling period",
+];
+const RATES: [&str; 6] = [
+    "sample rate",
+    "sampling rate",
+    "sample frequency",
+    "sampling frequency",
+    "samplerate",
+    "fs",
+];
+
+/// Rows per second by a line that begins with words for the step or the rate: `dt = 0,01`,
+/// `Sample Rate: 100 Hz`. The number may stand in the line below.
+fn stated_rate(above: &[Line]) -> Option<f64> {
+    above.iter().enumerate().find_map(|(i, (_, line))| {
+        let (label, rest) = line
+            .split_once([':', '=', '\t', ',', ';'])
+            .unwrap_or((line, ""));
+        let label = label.trim().trim_matches('"').to_lowercase();
+        let is_step = STEPS.contains(&label.as_str());
+        if !is_step && !RATES.contains(&label.as_str()) {
+            return None;
+        }
+        let below = above.get(i + 1).map_or("", |l| l.1);
+        let (x, unit) = leading(if rest.trim().is_empty() { below } else { rest })?;
+        let rate = match (is_step, unit) {
+            (true, "") => 1.0 / x,
+            (true, unit) => 1.0 / (x * residual_columns::units::seconds(unit)?),
+            (false, "kHz") => 1e3 * x,
+            (false, "" | "Hz" | "1/s" | "S/s") => x,
+            _ => return None,
+        };
+        Some(rate).filter(|rate| rate.is_finite() && *rate > 0.0)
+    })
+}
+
+/// The number at the head of a text, with a decimal point or comma, and the word behind it.
+fn leading(text: &str) -> Option<(f64, &str)> {
+    let text = text.trim_start_matches(|c: char| c == '"' || c.is_whitespace());
+    let in_number = |c: char| c.is_ascii_digit() || "+-.,eE".contains(c);
+    let end = text.find(|c| !in_number(c)).unwrap_or(text.len());
+    let (number, rest) = text.split_at(end);
+    let number = match number.split_once(',') {
+        Some((before, _)) if before.contains('.') => before.to_string(),
+        _ => number.trim_end_matches(',').replacen(',', ".", 1),
+    };
+    let unit = rest.trim_matches(|c: char| c == '"' || c.is_whitespace());
+    let unit = unit.split([' ', '\t', ',', ';']).next().unwrap_or("");
+    let is_word = unit.starts_with(char::is_alphabetic) || unit == "1/s";
+    Some((number.parse().ok()?, if is_word { unit } else { "" }))
+}
+
+/// Frames per second, as a number alone in a line above names that begin with `Frame`.
+fn frame_rate(above: &[Line], separator: &str) -> Option<f64> {
+    let cells = || above.iter().map(|l| split(l.1, separator));
+    let has_frames = cells().any(|c| c.first() == Some(&"Frame"));
+    let alone = |c: Vec<&str>| {
+        let mut filled = c.into_iter().filter(|c| !c.is_empty());
+        let number = filled.next()?.parse::<f64>().ok()?;
+        (filled.next().is_none() && number.is_finite() && number > 0.0).then_some(number)
+    };
+    cells().find_map(alone).filter(|_| has_frames)
 }
 
 /// Whether names can be used as the file has them: none is empty, none stands there twice.

@@ -110,7 +110,8 @@ impl Table {
         let mut stamped = pairs
             .filter(|(a, b)| is_stamp(a, b))
             .map(|(a, b)| (a.clone(), b.clone()));
-        let Some((a, b)) = dated.or_else(|| stamped.next_back()) else {
+        let found = dated.or_else(|| stamped.next_back());
+        let Some((a, b)) = found.or_else(|| self.nameless_stamp()) else {
             return;
         };
         let name = format!("{a}+{b}");
@@ -123,6 +124,25 @@ impl Table {
             }
             self.times.retain(|(n, _)| *n != part);
         }
+    }
+}
+
+impl Table {
+    /// The first two columns without a name of their own that are the seconds and the nanoseconds
+    /// of a stamp, by their values: `ros2 topic echo --csv` writes no names.
+    fn nameless_stamp(&self) -> Option<(String, String)> {
+        let within = |values: &[f64], range: std::ops::Range<f64>| {
+            let mut finite = values.iter().filter(|x| x.is_finite());
+            finite.all(|x| *x == x.round() && range.contains(x))
+        };
+        let of = |i: usize| (&self.names[i], &self.columns[i]);
+        (1..self.names.len()).find_map(|i| {
+            let ((a, seconds), (b, nanoseconds)) = (of(i - 1), of(i));
+            let nameless = a.starts_with("column_") && b.starts_with("column_");
+            let (_, most) = residual_columns::stats::range(nanoseconds);
+            let is_it = within(seconds, time::EPOCH) && within(nanoseconds, 0.0..1e9);
+            (nameless && is_it && most >= 1e8).then(|| (a.clone(), b.clone()))
+        })
     }
 }
 

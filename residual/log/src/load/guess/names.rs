@@ -94,6 +94,7 @@ const WORDS: &[(&str, &[&str])] = &[
             "thetadot",
             "dpos",
             "geschwindigkeit",
+            "geschw",
             "drehzahl",
             "vitesse",
             "velocidad",
@@ -225,6 +226,7 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("minutes", "s", 60.0),
     ("h", "s", 3600.0),
     ("hours", "s", 3600.0),
+    ("mrad_s", "rad/s", 1e-3),
     ("mrad", "mrad", 1.0),
     ("rad", "rad", 1.0),
     ("deg", "deg", 1.0),
@@ -235,6 +237,10 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("lbf_in", "N·m", 0.112_984_829),
     ("n", "N", 1.0),
     ("kn", "N", 1e3),
+    ("mn", "N", 1e-3),
+    ("mnm", "N·m", 1e-3),
+    ("ncm", "N·m", 1e-2),
+    ("kgf", "N", 9.806_65),
     ("lbf", "N", 4.448_221_615),
     ("lb", "N", 4.448_221_615),
     ("kip", "N", 4_448.221_615),
@@ -328,6 +334,10 @@ impl Name {
         if self.words == ["temps"] {
             return Some("time");
         }
+        // A desired value, as libfranka names it: `tau_J_d`.
+        if self.words.len() > 1 && self.words.last().is_some_and(|w| w == "d") {
+            return Some("setpoint");
+        }
         let whole = self.words.join("_");
         let fits =
             |w: &&str| self.words.iter().any(|p| p == w) || (w.len() > 3 && whole.contains(*w));
@@ -416,6 +426,8 @@ mod tests {
             ("Geschwindigkeit [mm/s]", "velocity", ""),
             ("Drehmoment_2", "target", "2"),
             ("Winkel", "angle", ""),
+            ("tau_J_d[0]", "setpoint", "0"),
+            ("tau_J[0]", "target", "0"),
             ("Temps (s)", "time", ""),
             ("Consigne (N)", "setpoint", ""),
             ("Set/kg", "setpoint", ""),
@@ -461,6 +473,8 @@ mod tests {
             ("torque_in", "", 1.0),
             ("force_kip", "N", 4_448.221_615),
             ("force [kN]", "N", 1e3),
+            ("Kraft (mN)", "N", 1e-3),
+            ("speed (mrad/s)", "rad/s", 1e-3),
             ("speed_furlong_s", "", 1.0),
             ("delay_s", "s", 1.0),
         ] {

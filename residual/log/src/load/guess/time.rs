@@ -11,7 +11,7 @@ use residual_columns::stats;
 const CLOCKS: &[(&str, f64)] = &[("s", 1.0), ("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9)];
 
 /// Seconds since 1970 of logs: from 2001 to 2065.
-const EPOCH: std::ops::Range<f64> = 1e9..3e9;
+pub(super) const EPOCH: std::ops::Range<f64> = 1e9..3e9;
 
 /// Days since the end of 1899, as spreadsheets count them, of logs: from 2000 to 2065.
 const SERIAL_DAYS: std::ops::Range<f64> = 36_526.0..60_268.0;
@@ -105,14 +105,14 @@ impl Growth {
 pub(super) fn find(columns: &[Column], slope: impl Fn(usize) -> Option<f64>) -> Option<Time> {
     let grown: Vec<Growth> = columns.iter().map(|c| Growth::of(c.values)).collect();
     let all = 0..columns.len();
-    let named = all
-        .clone()
-        .filter(|i| columns[*i].role == Some("time") && grown[*i].mostly())
-        .min_by_key(|i| (!grown[*i].is_strict(), *i));
     let counter = |i: &usize| {
         let words = &columns[*i].name.words;
         words.iter().any(|w| COUNTERS.contains(&w.as_str()))
     };
+    let named = all
+        .clone()
+        .filter(|i| columns[*i].role == Some("time") && grown[*i].mostly())
+        .min_by_key(|i| (counter(i), !grown[*i].is_strict(), *i));
     // A unit of time says more than a name that is not understood.
     let may_be = |i: &usize| columns[*i].role.is_none() || columns[*i].name.unit == "s";
     let column = named.or_else(|| {
