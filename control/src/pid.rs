@@ -163,16 +163,18 @@ impl Pid {
         } else {
             (gain_q30 * (Stillness::ONE + REST_BOOST * i64::from(boost.q24()))) >> 24
         };
-        let wide = i64::from(excess.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
-        let addition = cut(error * boosted.min(1 << 31), wide);
+        let mut addition = error * boosted.min(1 << 31);
+        let mut leaky_addition = (error * i64::from(config.leaky_ki)) >> 24;
+        if excess != Newton::ZERO {
+            let excess = i64::from(excess.to_bits());
+            addition = cut(addition, excess << (INTEGRAL_SHIFT - Newton::FRAC_BITS));
+            leaky_addition = cut(leaky_addition, excess);
+        }
         let limit = i64::from(config.force_limit.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
         self.integral = clamp_abs(self.integral.saturating_add(addition), limit);
-
-        // The leaking one counts nominal samples.
+        // It counts nominal samples.
         let leaky = i64::from(self.leaky.to_bits());
-        let addition = (error * i64::from(config.leaky_ki)) >> 24;
-        let addition = cut(addition, i64::from(excess.to_bits()));
-        self.leaky = Newton::from_wide(leaky - ((leaky * LEAK_Q16) >> 16) + addition);
+        self.leaky = Newton::from_wide(leaky - ((leaky * LEAK_Q16) >> 16) + leaky_addition);
     }
 
     /// The integral without the leaking one.

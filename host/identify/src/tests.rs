@@ -31,6 +31,10 @@ fn rig() -> Rig {
 
 /// Records, analyses, corrects; and the part of the swing that was left.
 fn identified(effects: Vec<Effect>) -> (Findings, f64) {
+    identified_on(&rig(), effects)
+}
+
+fn identified_on(rig: &Rig, effects: Vec<Effect>) -> (Findings, f64) {
     let plant = PlantConfig {
         effects,
         ..PlantConfig::default()
@@ -40,7 +44,7 @@ fn identified(effects: Vec<Effect>) -> (Findings, f64) {
     let zeroing = run::Zeroing::Measure;
     let recording = excite(
         &mut board,
-        &rig(),
+        rig,
         24.0,
         1.0,
         &zeroing,
@@ -50,7 +54,7 @@ fn identified(effects: Vec<Effect>) -> (Findings, f64) {
     .unwrap();
     assert_eq!(board.system, SystemState::Ready, "disarmed at the end");
     let out = tempfile::tempdir().unwrap();
-    let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, out.path(), &mut ()).unwrap();
+    let findings = find(&recording, rig, "rig", DEFAULT_TEXT, out.path(), &mut ()).unwrap();
     (findings, recording.swing)
 }
 
@@ -108,17 +112,21 @@ fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
 
 #[test]
 fn a_rig_with_much_friction_is_driven_less_and_still_found_out() {
-    let (findings, swing) = identified(vec![Effect::Coulomb(Coulomb {
+    // What it pulls with at the tip comes near this limit.
+    let mut rig = rig();
+    rig.controller.force_limit_n = 11.0;
+    let more_friction = Effect::Coulomb(Coulomb {
         units: vec![],
         constant_n: 0.0,
-        per_load: 0.25,
-    })]);
+        per_load: 0.2,
+    });
+    let (findings, swing) = identified_on(&rig, vec![more_friction]);
     assert!(swing < 1.0, "{swing}");
-    for (old, new) in rig().units.iter().zip(&findings.rig.units) {
+    for (old, new) in rig.units.iter().zip(&findings.rig.units) {
         let friction = |u: &UnitSettings| u.coulomb_n + 4.0 * u.coulomb_per_n;
         let more = friction(new) - friction(old);
         // Units differ by some 0.1 N by themselves.
-        assert!((more - 1.0).abs() < 0.3, "{more} {:?}", findings.units);
+        assert!((more - 0.8).abs() < 0.3, "{more} {:?}", findings.units);
     }
 }
 
