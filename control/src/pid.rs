@@ -67,6 +67,8 @@ pub struct Measured {
     pub rise: Newton,
     /// Reel travel since the last sample in nanometres.
     pub travel_nm: i32,
+    /// The setpoint is on its way. What the tension is behind it is no reason for more force.
+    pub ramps: bool,
     /// Time since the last sample in microseconds, 1,000 to 12,500.
     pub dt_us: u32,
 }
@@ -164,7 +166,9 @@ impl Pid {
             (gain_q30 * (Stillness::ONE + REST_BOOST * i64::from(boost.q24()))) >> 24
         };
         let mut addition = error * boosted.min(1 << 31);
-        let mut leaky_addition = (error * i64::from(config.leaky_ki)) >> 24;
+        // On a ramp it would collect what makes the tension overshoot where the ramp ends.
+        let leaky_ki = if measured.ramps { 0 } else { config.leaky_ki };
+        let mut leaky_addition = (error * i64::from(leaky_ki)) >> 24;
         if excess != Newton::ZERO {
             let excess = i64::from(excess.to_bits());
             addition = cut(addition, excess << (INTEGRAL_SHIFT - Newton::FRAC_BITS));

@@ -418,6 +418,7 @@ impl Reference {
                     requested
                 };
                 self.setpoint = start + (target - start).clamp(-slew / 8.0, slew / 8.0);
+                let ramps = (target - start).abs() > slew / 8.0;
                 let error = self.setpoint - tension;
                 let margin_share = control::friction::REVERSAL_SHARE_Q16 as f64 / 65_536.0;
                 let foretold_share = control::friction::FORETOLD_SHARE_Q16 as f64 / 65_536.0;
@@ -486,7 +487,11 @@ impl Reference {
                     addition => addition,
                 };
                 self.integral = (self.integral + addition(gain)).clamp(-limit, limit);
-                let leaky_gain = q16(w.leaky_ki_q16) / RATE;
+                let leaky_gain = if ramps {
+                    0.0
+                } else {
+                    q16(w.leaky_ki_q16) / RATE
+                };
                 self.leaky += addition(leaky_gain) - self.leaky * 3_001.0 / 65_536.0;
                 self.closed = true;
                 let short = 1.0 - self.direction.abs() - 2f64.powi(-10);

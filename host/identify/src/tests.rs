@@ -114,7 +114,7 @@ fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
 fn a_rig_with_much_friction_is_driven_less_and_still_found_out() {
     // What it pulls with at the tip comes near this limit.
     let mut rig = rig();
-    rig.controller.force_limit_n = 11.0;
+    rig.controller.force_limit_n = 8.0;
     let more_friction = Effect::Coulomb(Coulomb {
         units: vec![],
         constant_n: 0.0,
