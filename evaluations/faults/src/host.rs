@@ -1,9 +1,8 @@
-//! The host on the serial line: setpoints that move, every 10 ms, and what becomes of its frames. It
-//! foretells the reels' speeds as `forcectl` does where a rig file says nothing else.
+//! The host on the serial line: setpoints that move, every 10 ms, and what becomes of its frames.
+//! It foretells the reels' speeds as `forcectl` does where a rig file says nothing else.
 
 use crate::injection::Injection as I;
 use crate::random::Random;
-
 use control::geometry::{cable_direction, cos_cell_angle, direction_q14, inv_cos_q16};
 use control::unit::REEL_SPEED_MAX_UM_PER_S;
 use nalgebra::Vector3;
@@ -26,8 +25,8 @@ const VALID_MS: u16 = 100;
 const WAVE_MS: u64 = 1_120;
 /// Swing of its setpoints around the tensions that it holds, N.
 pub const SWING_N: f64 = 0.6;
-/// How long it holds before it foretells the reels' speeds, in milliseconds: as `forcectl set-force`,
-/// which waits until slack is taken up.
+/// How long it holds before it foretells the reels' speeds, in milliseconds: as `forcectl
+/// set-force`, which waits until slack is taken up.
 const FORETELLS_AFTER_MS: u64 = 1_000;
 /// Frames that it remembers, to send one again.
 const REMEMBERED: usize = 50;

@@ -46,15 +46,16 @@ pub struct Corrected {
     pub not_used: Vec<String>,
 }
 
-/// Largest kp, ki, leaking ki and damping that a loop with this additional delay of the command allows.
+/// Largest kp, ki, leaking ki and damping that a loop with this additional delay of the command
+/// allows.
 ///
 /// The built-in gains hold for 10 ms between command and tension (converter 6.25 ms, low pass 2.2
 /// ms, hold 1.6 ms) and 1.7 ms between command and encoder. Reel and cable swing at 34 Hz at the
 /// most (24 N/mm, 0.51 kg). The damping works on that swing by the cosine of the phase that its
 /// delay makes: it fades to nothing at 5.7 ms more, past which it would feed the swing. The
-/// proportional gain and the leaking integral need the damping, so they fade with it. An integral alone is stable while ki /
-/// (2 pi 34 Hz) times the swing's sharpness (5.6, from the cable's own damping) is well below one:
-/// 10 leave a factor of four, and are slow enough for 30 ms.
+/// proportional gain and the leaking integral need the damping, so they fade with it. An integral
+/// alone is stable while ki / (2 pi 34 Hz) times the swing's sharpness (5.6, from the cable's own
+/// damping) is well below one: 10 leave a factor of four, and are slow enough for 30 ms.
 #[must_use]
 pub fn gains_for_delay(delay_s: f64) -> [f64; 4] {
     const SWING_HZ: f64 = 34.0;
