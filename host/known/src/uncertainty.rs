@@ -10,7 +10,8 @@
 //! | any instant | the commanded force | how far the cells' estimate is from the command |
 //! | the estimate of a cycle | the cells' estimate in this cycle | how much the estimate changes while it grows old |
 //!
-//! The converter's filter, the board's and the control cycle make an estimate one to two cycles old.
+//! The converter's filter, the board's and the control cycle make an estimate one to two cycles
+//! old.
 //! It is of one moment, because it takes the tensions along the cables of a cycle ago
 //! ([`force::controller::Output::applied_n`]). Along those of the newest pose it is off in
 //! proportion to the tip's speed, which a mean over a few seconds keeps. What changes within a cycle
