@@ -19,12 +19,12 @@
 //! # A robot that gives way
 //!
 //! Where the tip moves by 1 mm under 1 N, two cables that pull against each other work against 0.5
-//! N/mm in place of 24. The mass then swings at some 2 Hz. Below its corner the damping's high pass
-//! is no damping but inertia: 9 kg with a corner of 2 Hz. There an integral of 25/s made that swing
-//! grow from 0.7 mm/N on. So a part of the integral's work is done by one that leaks with
-//! [`LEAK_PER_S`]: it is as fast after a reversal, and at 2 Hz the larger part of it is in phase with
-//! the error. `control/examples/tension_loop.rs` has the plants on which the gains were chosen (key
-//! `gives`), docs/architecture.md the table.
+//! N/mm in place of 24. The mass then swings at some 2 Hz. Below its corner the damping's high
+//! pass is no damping but inertia: 9 kg with a corner of 2 Hz. There an integral of 25/s made that
+//! swing grow from 0.7 mm/N on. So a part of the integral's work is done by one that leaks with
+//! [`LEAK_PER_S`]: it is as fast after a reversal, and at 2 Hz the larger part of it is in phase
+//! with the error. `control/examples/tension_loop.rs` has the plants on which the gains were
+//! chosen (key `gives`), docs/architecture.md the table.
 //!
 //! # At rest
 //!

@@ -11,14 +11,13 @@
 //! | the estimate of a cycle | the cells' estimate in this cycle | how much the estimate changes while it grows old |
 //!
 //! The converter's filter, the board's and the control cycle make an estimate one to two cycles
-//! old.
-//! It is of one moment, because it takes the tensions along the cables of a cycle ago
+//! old. It is of one moment, because it takes the tensions along the cables of a cycle ago
 //! ([`force::controller::Output::applied_n`]). Along those of the newest pose it is off in
-//! proportion to the tip's speed, which a mean over a few seconds keeps. What changes within a cycle
-//! ([`AGE_CYCLES`]) is seen in the run itself. The cells also read the vibration of the motors that
-//! hang on them, which is no force of the cables. A mean of two cycles is free of a part of it: the
-//! second radius is made of such means. `host-cli/tests/coverage.rs` measures how often each radius
-//! holds.
+//! proportion to the tip's speed, which a mean over a few seconds keeps. What changes within a
+//! cycle ([`AGE_CYCLES`]) is seen in the run itself. The cells also read the vibration of the
+//! motors that hang on them, which is no force of the cables. A mean of two cycles is free of a
+//! part of it: the second radius is made of such means. `host-cli/tests/coverage.rs` measures how
+//! often each radius holds.
 //!
 //! Left out: friction between load cell and tip.
 
