@@ -13,11 +13,11 @@
 //! The converter's filter, the board's and the control cycle make an estimate one to two cycles
 //! old. It is of one moment, because it takes the tensions along the cables of a cycle ago
 //! ([`force::controller::Output::applied_n`]). Along those of the newest pose it is off in
-//! proportion to the tip's speed, which a mean over a few seconds keeps. What changes within a
-//! cycle ([`AGE_CYCLES`]) is seen in the run itself. The cells also read the vibration of the
-//! motors that hang on them, which is no force of the cables. A mean of two cycles is free of a
-//! part of it: the second radius is made of such means. `host-cli/tests/coverage.rs` measures how
-//! often each radius holds.
+//! proportion to the tip's speed, which a mean over a few seconds keeps. What changes within its
+//! age is seen in the run itself. The cells also read the vibration of the motors that hang on
+//! them, which is no force of the cables. A mean of two cycles is free of a part of it: the second
+//! and the third radius are made of such means. `host-cli/tests/coverage.rs` measures how often
+//! each radius holds.
 //!
 //! Left out: friction between load cell and tip.
 
@@ -73,12 +73,6 @@ pub struct PartsN {
     pub held: f64,
 }
 
-/// Cycles over which a change of the estimate counts as its error. It is one to two behind the
-/// force (6.25 ms of the converter's filter and 3 to 6 ms of the board's, and up to a cycle until
-/// the host has read it); but a change has the cells' vibration twice in it. With two the radius
-/// held in 98.0 % of the cases, with one in 97.0 % (`host-cli/tests/coverage.rs`).
-pub const AGE_CYCLES: usize = 1;
-
 /// A 95 % quantile of sizes that come one after the other; at most [`KEPT`] of them are kept,
 /// evenly over time.
 #[derive(Debug, Clone)]
@@ -128,17 +122,21 @@ impl Sizes {
     }
 }
 
-/// The newest estimates of the force, as many as an estimate grows old.
+/// The newest estimates of the force, for what an estimate changes while it grows old.
 #[derive(Debug, Clone, Default)]
-struct Newest([Option<Vector3<f64>>; AGE_CYCLES]);
+struct Newest([Option<Vector3<f64>>; 3]);
 
 impl Newest {
-    /// Adds an estimate, and gives how far it is from the ones before it.
-    fn changes_n(&mut self, estimated_n: Vector3<f64>) -> [Option<f64>; AGE_CYCLES] {
-        let changes = self.0.map(|old| old.map(|old| (estimated_n - old).norm()));
-        self.0.rotate_right(1);
-        self.0[0] = Some(estimated_n);
-        changes
+    /// Adds an estimate, and gives the size of the change from one mean of two cycles to the next, N.
+    /// The means are two cycles apart, as old as an estimate is at most: 6.25 ms of the converter's
+    /// filter and 3 to 6 ms of the board's, and up to a cycle until the host has read it. The
+    /// cells' vibration is in such a change as often as in an estimate, once; in that of single
+    /// estimates it is twice.
+    fn change_n(&mut self, estimated_n: Vector3<f64>) -> Option<f64> {
+        let [last, second, third] = self.0;
+        self.0 = [Some(estimated_n), last, second];
+        let (last, second, third) = (last?, second?, third?);
+        Some(0.5 * (estimated_n + last - second - third).norm())
     }
 }
 
@@ -230,12 +228,7 @@ impl Steady {
         if let Some(before_n) = self.off_before_n.replace(off_command_n) {
             (self.off_command_n).add((0.5 * (off_command_n + before_n)).norm());
         }
-        for change_n in self
-            .newest
-            .changes_n(step.estimated_n)
-            .into_iter()
-            .flatten()
-        {
+        if let Some(change_n) = self.newest.change_n(step.estimated_n) {
             self.change_n.add(change_n);
         }
         self.batches.add(off_command_n);
@@ -285,7 +278,7 @@ pub struct Running {
 }
 
 /// Changes of an estimate that are kept: 5 s of cycles.
-const SEEN_CHANGES: usize = 500 * AGE_CYCLES;
+const SEEN_CHANGES: usize = 500;
 /// Cycles for which a radius of calibration and pose holds, 0.1 s: the tip moves by about 1 mm
 /// meanwhile.
 const HOLDS_CYCLES: usize = 10;
@@ -305,12 +298,7 @@ impl Running {
     /// Radius for this cycle, N. `None` in the first cycles, and where a cable stands across its
     /// cell.
     pub fn radius_95_n(&mut self, step: &Step) -> Option<f64> {
-        for change_n in self
-            .newest
-            .changes_n(step.estimated_n)
-            .into_iter()
-            .flatten()
-        {
+        if let Some(change_n) = self.newest.change_n(step.estimated_n) {
             if self.changes_n.len() == SEEN_CHANGES {
                 self.changes_n.pop_front();
             }
@@ -330,7 +318,7 @@ impl Running {
             }
         };
         // A quantile of fewer would be any value.
-        if self.changes_n.len() < 20 * AGE_CYCLES {
+        if self.changes_n.len() < 20 {
             return None;
         }
         let mut sizes: Vec<f64> = self.changes_n.iter().copied().collect();
