@@ -127,11 +127,11 @@ impl Sizes {
 struct Newest([Option<Vector3<f64>>; 3]);
 
 impl Newest {
-    /// Adds an estimate, and gives the size of the change from one mean of two cycles to the next, N.
-    /// The means are two cycles apart, as old as an estimate is at most: 6.25 ms of the converter's
-    /// filter and 3 to 6 ms of the board's, and up to a cycle until the host has read it. The
-    /// cells' vibration is in such a change as often as in an estimate, once; in that of single
-    /// estimates it is twice.
+    /// Adds an estimate, and gives the size of the change from one mean of two cycles to the next,
+    /// N. The means are two cycles apart, as old as an estimate is at most: 6.25 ms of the
+    /// converter's filter and 3 to 6 ms of the board's, and up to a cycle until the host has read
+    /// it. The cells' vibration is in such a change as often as in an estimate, once; in that of
+    /// single estimates it is twice.
     fn change_n(&mut self, estimated_n: Vector3<f64>) -> Option<f64> {
         let [last, second, third] = self.0;
         self.0 = [Some(estimated_n), last, second];
