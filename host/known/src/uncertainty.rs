@@ -127,12 +127,12 @@ impl Sizes {
 struct Newest([Option<Vector3<f64>>; 3]);
 
 impl Newest {
-    /// Adds an estimate, and gives sizes of changes, N: from the estimate before, and from a mean of
-    /// two cycles to the next. Means are two cycles apart, as old as an estimate is at most: 6.25 ms
-    /// of the converter's filter and 3 to 6 ms of the board's, and up to a cycle until the host has
-    /// read it. The cells' vibration is twice in a change of single estimates, and less than once in
-    /// that of means, which take a part of it out: alone they held in 97.0 and in 88.7 % of the cases
-    /// (`host-cli/tests/coverage.rs`).
+    /// Adds an estimate, and gives sizes of changes, N: from the estimate before, and from a mean
+    /// of two cycles to the next. Means are two cycles apart, as old as an estimate is at most:
+    /// 6.25 ms of the converter's filter and 3 to 6 ms of the board's, and up to a cycle until the
+    /// host has read it. The cells' vibration is twice in a change of single estimates, and less
+    /// than once in that of means, which take a part of it out: alone they held in 97.0 and in
+    /// 88.7 % of the cases (`host-cli/tests/coverage.rs`).
     fn changes_n(&mut self, estimated_n: Vector3<f64>) -> [Option<f64>; 2] {
         let [last, second, third] = self.0;
         self.0 = [Some(estimated_n), last, second];
