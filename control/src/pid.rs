@@ -53,8 +53,8 @@ const DAMPING_LEAK_Q16: i64 = 768;
 /// the damping's corner, by a search over the plants of `control/examples/tension_loop.rs`.
 pub const LEAK_PER_S: f64 = 15.0;
 
-/// The same in a sample, times 65,536: 1 - exp(-15 / 320) = 0.04579.
-const LEAK_Q16: i64 = 3_001;
+/// The same in a sample, times 2^24: 1 - exp(-15 / 320) = 0.04579.
+const LEAK_Q24: i64 = 768_256;
 
 /// Fraction bits of the integral: i64 with 52 of them holds +-2,048 N.
 const INTEGRAL_SHIFT: u32 = 52;
@@ -167,19 +167,23 @@ impl Pid {
             (gain_q30 * (Stillness::ONE + REST_BOOST * i64::from(boost.q24()))) >> 24
         };
         let mut addition = error * boosted.min(1 << 31);
-        // On a ramp it would collect what makes the tension overshoot where the ramp ends.
-        let leaky_ki = if measured.ramps { 0 } else { config.leaky_ki };
-        let mut leaky_addition = (error * i64::from(leaky_ki)) >> 24;
-        if excess != Newton::ZERO {
+        // The leaking one counts nominal samples.
+        let leaky = i64::from(self.leaky.to_bits());
+        let mut change = error * i64::from(config.leaky_ki);
+        if excess != Newton::ZERO || measured.ramps {
             let excess = i64::from(excess.to_bits());
             addition = cut(addition, excess << (INTEGRAL_SHIFT - Newton::FRAC_BITS));
-            leaky_addition = cut(leaky_addition, excess);
+            // On a ramp it would collect what makes the tension overshoot where the ramp ends.
+            change = if measured.ramps {
+                0
+            } else {
+                cut(change, excess << 24)
+            };
         }
         let limit = i64::from(config.force_limit.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
         self.integral = clamp_abs(self.integral.saturating_add(addition), limit);
-        // It counts nominal samples.
-        let leaky = i64::from(self.leaky.to_bits());
-        self.leaky = Newton::from_wide(leaky - ((leaky * LEAK_Q16) >> 16) + leaky_addition);
+        change -= leaky * LEAK_Q24;
+        self.leaky = Newton::from_wide(leaky + (change >> 24));
     }
 
     /// The integral without the leaking one.

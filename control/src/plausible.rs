@@ -310,12 +310,9 @@ impl Watch {
             self.at_limit,
             drive == Drive::Follow && output.setpoint > Newton::ZERO && (too_little || too_much),
         );
-        let most = if too_much {
-            AT_ZERO_SAMPLES
-        } else {
-            LIMIT_SAMPLES
-        };
-        (self.at_limit >= most).then(|| (Fault::CommandAtLimit, milli(output.command)))
+        let lasts =
+            self.at_limit >= AT_ZERO_SAMPLES && (too_much || self.at_limit >= LIMIT_SAMPLES);
+        lasts.then(|| (Fault::CommandAtLimit, milli(output.command)))
     }
 
     fn band(&mut self, config: &Config, output: &Output) -> Option<(Fault, u32)> {

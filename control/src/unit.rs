@@ -410,13 +410,13 @@ impl Controller {
                 } else {
                     requested
                 };
-                let ramps = state.setpoint.approach(target, config.setpoint_slew, dt_us);
+                state.setpoint.approach(target, config.setpoint_slew, dt_us);
                 let setpoint = state.setpoint.value();
                 let measured = Measured {
                     error: setpoint.saturating_sub(tension),
                     rise: if state.closed { rise } else { Newton::ZERO },
                     travel_nm: state.estimator.steady_travel_nm(),
-                    ramps,
+                    ramps: setpoint != target,
                     dt_us,
                 };
                 let exchanges = state.level.foretell(foretold.is_some());
