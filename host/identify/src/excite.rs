@@ -119,6 +119,19 @@ fn opened(rig: &Rig, seconds: f64) -> Result<Rig, RunError> {
     Ok(open)
 }
 
+/// The swing at this force at the tip: less near the force limit; an error above it. It never
+/// grows: a command that follows the force is feedback, which the analysis would take for drive.
+fn eased(swing: f64, force_n: f64, limit_n: f64) -> Result<f64, RunError> {
+    if force_n > limit_n {
+        return Err(Fault::AboveLimit { force_n, limit_n }.into());
+    }
+    Ok(if force_n > EASE_ABOVE * limit_n {
+        (swing * EASE_PER_CYCLE).max(SMALL_SWING)
+    } else {
+        swing
+    })
+}
+
 /// Middle and amplitude of a unit's commands, N, with this part of the largest swing.
 fn sines(unit: &UnitSettings, swing: f64) -> (f64, f64) {
     let low = unit.tension_min_n + MARGIN_N;
@@ -189,7 +202,8 @@ impl Excitation<'_> {
                 }
             }
             let cycle = self.setpoints(session, t_s)?;
-            self.limit_force(cycle.force_n.norm())?;
+            let limit_n = self.rig.controller.force_limit_n;
+            self.swing = eased(self.swing, cycle.force_n.norm(), limit_n)?;
             session.send_setpoints(cycle.setpoints, PERIOD)?;
             let received = session.drain();
             observer.received(&received);
@@ -250,20 +264,6 @@ impl Excitation<'_> {
             };
         }
         Ok(cycle)
-    }
-
-    /// Reduces the swing near the force limit; an error above it.
-    fn limit_force(&mut self, force_n: f64) -> Result<(), RunError> {
-        let limit_n = self.rig.controller.force_limit_n;
-        if force_n > limit_n {
-            return Err(Fault::AboveLimit { force_n, limit_n }.into());
-        }
-        // Never increased again: a command that follows the force is feedback, which the analysis
-        // would take for drive.
-        if force_n > EASE_ABOVE * limit_n {
-            self.swing = (self.swing * EASE_PER_CYCLE).max(MIN_AMPLITUDE_N / MAX_AMPLITUDE_N);
-        }
-        Ok(())
     }
 
     /// An error for any fault of the board or of a unit that takes part.
@@ -362,6 +362,14 @@ mod tests {
         .unwrap_err();
         assert!(error.to_string().contains("unit 4"), "{error}");
         assert!(board.commands.is_empty());
+    }
+
+    #[test]
+    fn the_swing_falls_near_the_force_limit_and_ends_above_it() {
+        assert_eq!(eased(1.0, 10.1, 12.0).unwrap(), 1.0);
+        assert_eq!(eased(1.0, 10.3, 12.0).unwrap(), 0.97);
+        assert_eq!(eased(SMALL_SWING, 11.9, 12.0).unwrap(), SMALL_SWING);
+        assert!(eased(1.0, 12.1, 12.0).is_err());
     }
 
     #[test]
