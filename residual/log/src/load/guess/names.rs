@@ -192,10 +192,12 @@ pub(super) const COUNTERS: &[&str] = &[
     "seq", "sequence", "index", "row", "id", "no", "count", "counter", "sample", "frame", "line",
 ];
 
-/// Endings of names and the units that they mean, with the factor to the unit of the model file.
+/// Endings of names and the units that they mean, with the factor to the unit of the model file. The
+/// first that fits is taken: longer ones stand before those that end them.
 const UNITS: &[(&str, &str, f64)] = &[
     ("rad_s2", "rad/s²", 1.0),
     ("m_s2", "m/s²", 1.0),
+    ("mrad_s", "rad/s", 1e-3),
     ("rad_s", "rad/s", 1.0),
     ("rad_sec", "rad/s", 1.0),
     ("deg_s", "deg/s", 1.0),
@@ -226,7 +228,6 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("minutes", "s", 60.0),
     ("h", "s", 3600.0),
     ("hours", "s", 3600.0),
-    ("mrad_s", "rad/s", 1e-3),
     ("mrad", "mrad", 1.0),
     ("rad", "rad", 1.0),
     ("deg", "deg", 1.0),
@@ -483,5 +484,10 @@ mod tests {
         }
         assert_eq!(known("[r/min]"), Some(("rev/s", 1.0 / 60.0)));
         assert_eq!(known("1/s"), None);
+        for (k, (longer, _, _)) in UNITS.iter().enumerate() {
+            for (shorter, _, _) in &UNITS[..k] {
+                assert!(!longer.ends_with(&format!("_{shorter}")), "{longer} behind {shorter}");
+            }
+        }
     }
 }
