@@ -486,7 +486,10 @@ mod tests {
         assert_eq!(known("1/s"), None);
         for (k, (longer, _, _)) in UNITS.iter().enumerate() {
             for (shorter, _, _) in &UNITS[..k] {
-                assert!(!longer.ends_with(&format!("_{shorter}")), "{longer} behind {shorter}");
+                assert!(
+                    !longer.ends_with(&format!("_{shorter}")),
+                    "{longer} behind {shorter}"
+                );
             }
         }
     }
