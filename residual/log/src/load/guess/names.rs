@@ -192,8 +192,8 @@ pub(super) const COUNTERS: &[&str] = &[
     "seq", "sequence", "index", "row", "id", "no", "count", "counter", "sample", "frame", "line",
 ];
 
-/// Endings of names and the units that they mean, with the factor to the unit of the model file. The
-/// first that fits is taken: longer ones stand before those that end them.
+/// Endings of names and the units that they mean, with the factor to the unit of the model file.
+/// The first that fits is taken: longer ones stand before those that end them.
 const UNITS: &[(&str, &str, f64)] = &[
     ("rad_s2", "rad/s²", 1.0),
     ("m_s2", "m/s²", 1.0),
