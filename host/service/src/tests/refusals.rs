@@ -219,14 +219,32 @@ fn refused_setpoints_are_told_through_the_service_as_without_one() {
 
 #[test]
 fn setpoints_of_a_client_that_does_not_command_are_told_to_be_refused() {
+    /// Ends the first client's work, also where the test fails.
+    struct Ends<'a>(&'a AtomicBool);
+    impl Drop for Ends<'_> {
+        fn drop(&mut self) {
+            self.0.store(true, Ordering::SeqCst);
+        }
+    }
     let rig = KeptRig::start(Behavior::Good, true);
-    let _first = rig.commander("the first");
+    let mut first = rig.commander("the first");
     let mut second = ServiceLink::observer(rig.client("the second")).unwrap();
-    let error = refused(&mut second, too_large());
-    assert!(
-        error.starts_with("the first (process") && error.contains("commands this rig"),
-        "{error}"
-    );
+    let end = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        // One that is silent for a second may be relieved of its command.
+        scope.spawn(|| {
+            let mut session = Session::connect(&mut first).unwrap();
+            while !end.load(Ordering::SeqCst) {
+                session.get_status().unwrap();
+            }
+        });
+        let _ends = Ends(&end);
+        let error = refused(&mut second, too_large());
+        assert!(
+            error.starts_with("the first (process") && error.contains("commands this rig"),
+            "{error}"
+        );
+    });
 }
 
 /// A setting that a test judged by is no longer what was tested; another one is told.
