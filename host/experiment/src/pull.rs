@@ -163,7 +163,7 @@ pub struct Pulled {
     pub setpoints: [UnitSetpoint; UNITS],
     /// The same in N.
     pub tension_n: [f64; UNITS],
-    /// Force that the measured tensions apply, N.
+    /// Force that the measured tensions apply, N, a cycle ago: along the cables of then.
     pub applied_n: Vector3<f64>,
 }
 
@@ -174,6 +174,8 @@ pub struct Puller {
     controller: Controller,
     one_axis: Option<OneAxis>,
     held_n: [f64; UNITS],
+    /// The cables in the cycle before: the measured tensions pulled along these.
+    cables: Option<Cables>,
 }
 
 impl Puller {
@@ -187,6 +189,7 @@ impl Puller {
             controller: Controller::new(rig)?,
             one_axis: OneAxis::of(force),
             held_n: [0.0; UNITS],
+            cables: None,
         })
     }
 
@@ -215,11 +218,11 @@ impl Puller {
         let setpoints =
             self.controller
                 .setpoints_for(input.tip_m, input.moment, input.available, tension_n)?;
-        let zero = problem(&self.rig, &cables, &input.available);
+        let then = self.cables.replace(cables).unwrap_or(cables);
         Ok(Pulled {
             setpoints,
             tension_n,
-            applied_n: zero.force_of(&self.held_n),
+            applied_n: problem(&self.rig, &then, &input.available).force_of(&self.held_n),
         })
     }
 }
@@ -247,6 +250,34 @@ mod tests {
                 assert_eq!((t[0], t[1], t[4], t[5]), (0.0, 0.0, 0.0, 0.0));
             }
         }
+    }
+
+    /// They are that old when the host has them.
+    #[test]
+    fn tensions_count_along_the_cables_of_a_cycle_ago() {
+        let thesis = Experiment::thesis().unwrap();
+        let rig = thesis.prepare_rig(&Rig::built_in().unwrap()).unwrap();
+        let mut puller = Puller::new(&rig, &thesis.force).unwrap();
+        let available = rig.units.map(|unit| unit.enabled);
+        let at = |tip_m| {
+            let cables = Cables::at(&rig, tip_m, &available).unwrap();
+            problem(&rig, &cables, &available).force_of(&[3.0; UNITS])
+        };
+        let mut input = Input {
+            dt_s: 0.01,
+            tip_m: rig.workspace.center_m,
+            moment: None,
+            tension_n: [Some(3.0); UNITS],
+            available,
+            commanded_n: Vector3::zeros(),
+        };
+        let mut last_m = input.tip_m;
+        for _ in 0..3 {
+            assert_eq!(puller.step(&input).unwrap().applied_n, at(last_m));
+            last_m = input.tip_m;
+            input.tip_m.x += 1e-3;
+        }
+        assert_ne!(at(last_m), at(input.tip_m));
     }
 
     #[test]

@@ -48,7 +48,7 @@ table! {
     since_command_s: f64, "s", "time since the force was commanded, host clock; negative before";
     tip_m: [f64; 3], "m", "tip of the robot, robot base frame";
     commanded_n: [f64; 3], "N", "commanded force on the tip after its slew limit, robot base frame";
-    estimated_n: [f64; 3], "N", "force on the tip by the measured tensions along the surveyed cables, robot base frame";
+    estimated_n: [f64; 3], "N", "force on the tip by the measured tensions, along the surveyed cables of the cycle before, robot base frame";
     estimated_95_n: Option<f64>, "N", "radius of the ball about estimated_n that holds the force on the tip with 95 %; missing without a calibration and in the first 0.2 s";
     applied_n: Option<[f64; 3]>, "N", "force on the tip in the plant (emulated rig), robot base frame";
     tension_setpoint_n: [f64; 6], "N", "setpoints of the cable tensions, units 1 to 6";
