@@ -149,7 +149,8 @@ impl Stage {
         {
             let mut stand = Stand::armed_for(&mut link, first.hold_n, ARMED_S);
             for plan in plans {
-                stand.hold(setpoints(plan, 0));
+                // As a host that foretells: the robot rests.
+                stand.hold_foretold(setpoints(plan, 0), Some(0));
                 // The setpoints are valid for 100 ms, and go out with each step.
                 let mut left = Duration::from_micros(plan.at_us);
                 while !left.is_zero() {
@@ -277,7 +278,7 @@ impl Observer {
     /// Watches with the session. `true`: it has ended before.
     fn watch(&mut self, stand: &mut Stand<'_>, plan: &Plan) -> bool {
         while self.ms < self.end_ms() {
-            stand.hold(setpoints(plan, self.ms));
+            stand.hold_foretold(setpoints(plan, self.ms), Some(0));
             let advanced = stand.session.exchange(PERIOD);
             let received = stand.session.drain();
             let ms = self.ms;
