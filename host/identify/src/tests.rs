@@ -31,6 +31,11 @@ fn rig() -> Rig {
 
 /// Records, analyses, corrects; and the part of the swing that was left.
 fn identified(effects: Vec<Effect>) -> (Findings, f64) {
+    identified_from(&rig(), DEFAULT_TEXT, effects)
+}
+
+/// The same with another rig file.
+fn identified_from(rig: &Rig, text: &str, effects: Vec<Effect>) -> (Findings, f64) {
     let plant = PlantConfig {
         effects,
         ..PlantConfig::default()
@@ -40,7 +45,7 @@ fn identified(effects: Vec<Effect>) -> (Findings, f64) {
     let zeroing = run::Zeroing::Measure;
     let recording = excite(
         &mut board,
-        &rig(),
+        rig,
         24.0,
         1.0,
         &zeroing,
@@ -50,13 +55,13 @@ fn identified(effects: Vec<Effect>) -> (Findings, f64) {
     .unwrap();
     assert_eq!(board.system, SystemState::Ready, "disarmed at the end");
     let out = tempfile::tempdir().unwrap();
-    let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, out.path(), &mut ()).unwrap();
+    let findings = find(&recording, rig, "rig", text, out.path(), &mut ()).unwrap();
     (findings, recording.swing)
 }
 
 #[test]
 fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
-    let (findings, swing) = identified(vec![
+    let effects = vec![
         Effect::Coulomb(Coulomb {
             units: vec![0],
             constant_n: 0.6,
@@ -73,7 +78,8 @@ fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
             units: vec![2],
             relative_error: -0.25,
         }),
-    ]);
+    ];
+    let (findings, swing) = identified(effects.clone());
     assert_eq!(swing, 1.0, "no more force than was to be expected");
     let (old, new) = (rig().units, findings.rig.units);
     let friction = |u: &UnitSettings| u.coulomb_n + 4.5 * u.coulomb_per_n;
@@ -102,8 +108,24 @@ fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
     }
     let parsed = Rig::parse("rig", &findings.rewritten.text).unwrap();
     assert_eq!(parsed, findings.rig);
+    finds_nothing_more(&findings, effects);
     refuses_what_is_not_clear(&findings.units[0].report);
     names_what_may_stand_for_an_effect(findings.units[0].clone());
+}
+
+/// A second identification of the same rig, with what the first declared.
+fn finds_nothing_more(first: &Findings, effects: Vec<Effect>) {
+    let (second, _) = identified_from(&first.rig, &first.rewritten.text, effects);
+    for (old, new) in first.rig.units.iter().zip(&second.rig.units) {
+        let friction = |u: &UnitSettings| u.coulomb_n + 4.5 * u.coulomb_per_n;
+        let more = friction(new) - friction(old);
+        let scale = new.dac_codes_per_n / old.dac_codes_per_n;
+        eprintln!(
+            "unit {}: {more:.3} N, {:.3} N, {scale:.4}",
+            old.number,
+            new.friction_offset_n - old.friction_offset_n
+        );
+    }
 }
 
 #[test]
