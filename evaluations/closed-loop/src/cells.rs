@@ -7,7 +7,7 @@
 //! as well, and only the difference between the two rigs is due to curve or creep. The rig is the
 //! one without the emulated controller; its control core is the firmware's.
 
-use crate::effect::{kind_of, plant_text, truth, Kind, Truth};
+use crate::effect::{kind_of, plant_text, truth, Effects, Kind, Truth};
 use crate::options::Options;
 use crate::run::json;
 use serde_json::Value;
@@ -39,21 +39,21 @@ pub fn page(options: &Options) -> Result<String, String> {
     let mut rows = String::new();
     let mut costs: Vec<(f64, f64)> = Vec::new();
     for seed in (first..=last).filter(|seed| in_the_cells(*seed)) {
-        let truth = truth(seed, options.size);
+        let truth = truth(seed, options.size, Effects::All);
         let folder = options.out.join(format!("cells{seed}"));
         let with = rig(
             options,
             seed,
             &folder.join("with"),
             &truth.plant,
-            truth.kind,
+            kind_of(seed),
         )?;
         let without = rig(
             options,
             seed,
             &folder.join("without"),
-            &plant_text(""),
-            truth.kind,
+            &plant_text(&[]),
+            kind_of(seed),
         )?;
         costs.push((
             with.before.1 - without.before.1,
@@ -96,7 +96,7 @@ Mean cost of curve or creep at the tip, against *without it*: {:.3} N before, {:
 
 fn row(seed: u64, truth: &Truth, with: &Held, without: &Held) -> String {
     let pair = |a: f64, b: f64| format!("{a:.3} -> {b:.3}");
-    let found = match truth.kind {
+    let found = match kind_of(seed) {
         Kind::Creep => format!("{:.2} %", 100.0 * with.found),
         _ => format!("{:.4} /N", with.found),
     };
@@ -104,7 +104,7 @@ fn row(seed: u64, truth: &Truth, with: &Held, without: &Held) -> String {
     let _ = writeln!(
         out,
         "| {seed} | {} | {found} | {} of 6 | {} | {} | {} | {} |",
-        truth.words,
+        truth.words(),
         with.corrected,
         pair(with.before.0, with.after.0),
         pair(with.before.1, with.after.1),
@@ -229,7 +229,12 @@ mod tests {
             found: 0.02,
         };
         let seed = (1..20).find(|s| kind_of(*s) == Kind::CellCurve).unwrap();
-        let text = row(seed, &truth(seed, 1.0), &held(0.2, 0.1), &held(0.15, 0.09));
+        let text = row(
+            seed,
+            &truth(seed, 1.0, Effects::All),
+            &held(0.2, 0.1),
+            &held(0.15, 0.09),
+        );
         assert!(
             text.contains("0.0200 /N | 6 of 6 | 0.200 -> 0.100"),
             "{text}"

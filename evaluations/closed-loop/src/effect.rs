@@ -75,18 +75,64 @@ pub const KINDS: [Kind; 10] = [
     Kind::Nothing,
 ];
 
-/// What a rig has beyond its rig file.
-pub struct Truth {
+/// Where the effects of a rig are, and how many.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, evaluation::clap::ValueEnum)]
+pub enum Effects {
+    /// One, in all units.
+    All,
+    /// One, in one unit.
+    OneUnit,
+    /// Two, in all units: that of the seed and that of the next one of its ten.
+    Two,
+}
+
+/// An effect that a rig has.
+pub struct Effect {
     pub kind: Kind,
     /// In words, with its size.
     pub words: String,
-    /// The plant file's text.
-    pub plant: String,
     /// Names by which it counts as named.
     pub names: &'static [&'static str],
     /// The number that is compared, and its unit.
     pub value: f64,
     pub unit: &'static str,
+    /// Its lines of a plant file.
+    lines: String,
+}
+
+/// What a rig has beyond its rig file.
+pub struct Truth {
+    /// One or two; none where the rig has nothing.
+    pub effects: Vec<Effect>,
+    /// The unit that has them, from 1; `None`: all.
+    pub only: Option<u64>,
+    /// The plant file's text.
+    pub plant: String,
+}
+
+impl Truth {
+    /// The effects in words.
+    pub fn words(&self) -> String {
+        let words: Vec<&str> = self.effects.iter().map(|e| e.words.as_str()).collect();
+        match (words.as_slice(), self.only) {
+            ([], _) => "nothing but the units' own scatter".to_owned(),
+            (_, Some(unit)) => format!("{}, unit {unit} only", words.join("; ")),
+            _ => words.join("; "),
+        }
+    }
+
+    /// Kinds of the effects; that of nothing where there is none.
+    pub fn kinds(&self) -> Vec<Kind> {
+        match self.effects.as_slice() {
+            [] => vec![Kind::Nothing],
+            effects => effects.iter().map(|effect| effect.kind).collect(),
+        }
+    }
+
+    /// Whether a unit, from 1, has the effects.
+    pub fn is_in(&self, unit: u64) -> bool {
+        self.only.is_none_or(|only| only == unit)
+    }
 }
 
 /// The kinds of ten seeds in a row are a permutation of all.
@@ -101,13 +147,37 @@ pub fn kind_of(seed: u64) -> Kind {
 }
 
 /// What the rig of a seed has, its size times a factor.
-pub fn truth(seed: u64, size: f64) -> Truth {
+pub fn truth(seed: u64, size: f64, effects: Effects) -> Truth {
+    let ten = KINDS.len() as u64;
+    let next = seed - seed.saturating_sub(1) % ten + seed % ten;
+    let seeds = match effects {
+        Effects::Two => vec![seed, next],
+        Effects::All | Effects::OneUnit => vec![seed],
+    };
+    let effects_of: Vec<Effect> = seeds.into_iter().filter_map(|s| effect(s, size)).collect();
+    let only = (effects == Effects::OneUnit && !effects_of.is_empty()).then_some(1 + seed % 6);
+    let lines: Vec<String> = effects_of
+        .iter()
+        .map(|effect| match only {
+            Some(unit) => format!("{}\nunits = [{}]", effect.lines, unit - 1),
+            None => effect.lines.clone(),
+        })
+        .collect();
+    Truth {
+        plant: plant_text(&lines),
+        effects: effects_of,
+        only,
+    }
+}
+
+/// The effect of a seed; `None`: it has none.
+fn effect(seed: u64, size: f64) -> Option<Effect> {
     let kind = kind_of(seed);
     let mut draw = Draw(seed.wrapping_mul(0x5851_F42D_4C95_7F2D));
     let sign = if draw.next() & 1 == 0 { 1.0 } else { -1.0 };
     let x = draw.between(0.0, 1.0);
     let within = |low: f64, high: f64| size * (low + (high - low) * x);
-    let (words, effect, names, value, unit) = match kind {
+    let (words, lines, names, value, unit) = match kind {
         Kind::Coulomb => {
             let n = within(0.4, 0.8);
             (
@@ -203,26 +273,23 @@ pub fn truth(seed: u64, size: f64) -> Truth {
                 "1/N",
             )
         }
-        Kind::Nothing => {
-            let words = "nothing but the units' own scatter".to_owned();
-            (words, String::new(), &[][..], 0.0, "")
-        }
+        Kind::Nothing => return None,
     };
-    Truth {
+    Some(Effect {
         kind,
         words,
-        plant: plant_text(&effect),
         names,
         value,
         unit,
-    }
+        lines,
+    })
 }
 
-/// A plant file with this effect, or none.
-pub fn plant_text(effect: &str) -> String {
+/// A plant file with these effects.
+pub fn plant_text(effects: &[String]) -> String {
     let mut plant = format!("[cable]\ninitial_slack_m = {SLACK_M}\n");
-    if !effect.is_empty() {
-        let _ = write!(plant, "\n[[effects]]\n{effect}\n");
+    for lines in effects {
+        let _ = write!(plant, "\n[[effects]]\n{lines}\n");
     }
     plant
 }
@@ -240,16 +307,29 @@ mod tests {
             assert_eq!(kinds.len(), KINDS.len());
         }
         for seed in 1..60 {
-            let truth = truth(seed, 1.0);
-            assert_eq!(
-                truth.plant.contains("[[effects]]"),
-                truth.kind != Kind::Nothing
-            );
-            assert!(truth.plant.contains("initial_slack_m = 0.003"));
+            let one = truth(seed, 1.0, Effects::All);
+            let nothing = one.kinds() == [Kind::Nothing];
+            assert_eq!(one.plant.contains("[[effects]]"), !nothing);
+            assert!(one.plant.contains("initial_slack_m = 0.003"));
+            // The same in one unit.
+            let in_one = truth(seed, 1.0, Effects::OneUnit);
+            assert_eq!(in_one.plant.contains("units = ["), !nothing);
+            assert_eq!((1..=6).filter(|u| in_one.is_in(*u)).count() == 6, nothing);
+            let two = truth(seed, 1.0, Effects::Two).kinds();
+            assert_eq!(two.contains(&one.kinds()[0]), !nothing);
         }
+        let of = |seed, size| truth(seed, size, Effects::All).plant;
         // The sizes differ from seed to seed, and one seed is one rig.
-        assert_ne!(truth(1, 1.0).plant, truth(11, 1.0).plant);
-        assert_ne!(truth(1, 1.0).plant, truth(1, 0.5).plant);
-        assert_eq!(truth(7, 1.0).plant, truth(7, 1.0).plant);
+        assert_ne!(of(1, 1.0), of(11, 1.0));
+        assert_ne!(of(1, 1.0), of(1, 0.5));
+        assert_eq!(of(7, 1.0), of(7, 1.0));
+        // Two of ten pairs have nothing beside an effect, and no effect stands beside itself.
+        let pairs: Vec<Vec<Kind>> = (1..=10)
+            .map(|s| truth(s, 1.0, Effects::Two).kinds())
+            .collect();
+        assert_eq!(pairs.iter().filter(|kinds| kinds.len() == 2).count(), 8);
+        assert!(pairs
+            .iter()
+            .all(|kinds| kinds.len() < 2 || kinds[0] != kinds[1]));
     }
 }

@@ -1,12 +1,12 @@
-//! The whole identification on rigs with one effect that their rig file doesn't declare: one effect
-//! a seed, whether it is found, and how much better the force is held after its correction.
+//! The whole identification on rigs with effects that their rig file doesn't declare: whether each
+//! is found, and how much better the force is held after the correction.
 //!
-//! For each seed an effect and its size are drawn and written to a plant file. `forcectl identify`
+//! For each seed effects and their sizes are drawn and written to a plant file. `forcectl identify`
 //! runs as a process of its own and hands that file to the rig; its analysis sees the recorded
 //! session and nothing else. Only then is what it reports compared with the truth.
 //!
-//! `cargo xtask closed-loop [--seeds 1..10] [--drive-duration 40] [--duration 16] [--size 1]
-//! [--cells] [--markdown FILE]`
+//! `cargo xtask closed-loop [--seeds 1..10] [--effects all] [--drive-duration 40] [--duration 16]
+//! [--size 1] [--cells] [--markdown FILE]`
 
 mod cells;
 mod effect;
@@ -39,7 +39,7 @@ fn effects(options: &Options) -> Result<ExitCode, String> {
     let mut failed = false;
     print!("{HEAD}");
     for seed in options.seeds.clone() {
-        let truth = truth(seed, options.size);
+        let truth = truth(seed, options.size, options.effects);
         let findings = run(options, seed, &truth);
         failed |= matches!(findings, Err(NoFindings::Failed(_)));
         let stopped = matches!(findings, Err(NoFindings::Stopped));
@@ -47,7 +47,9 @@ fn effects(options: &Options) -> Result<ExitCode, String> {
         print!("{text}");
         rows.push_str(&text);
         let cost = findings.ok().as_ref().and_then(cost);
-        kinds.add(truth.kind, gained, cost, stopped);
+        for kind in truth.kinds() {
+            kinds.add(kind, gained, cost, stopped);
+        }
     }
     println!(
         "\nkinds of effect that were named in most units and held better after: {} ({}); that had cost something, half of it gone: {} ({})",

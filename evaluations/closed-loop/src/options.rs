@@ -1,10 +1,11 @@
 //! The command line.
 
+use crate::effect::Effects;
 use evaluation::clap::{self, Parser};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// Finds, declares and re-runs one undeclared effect for each seed, with `forcectl identify` on the
+/// Finds, declares and re-runs undeclared effects for each seed, with `forcectl identify` on the
 /// embedded rig.
 #[derive(Parser)]
 // xtask gives some of the options before those of the user, which count.
@@ -13,6 +14,9 @@ pub struct Options {
     /// Seeds to run, both included; ten in a row have each kind of effect once.
     #[arg(long, value_name = "A..B", default_value = "1..10", value_parser = seeds)]
     pub seeds: RangeInclusive<u64>,
+    /// One effect in all units, one in one unit, or two in all units.
+    #[arg(long, value_enum, value_name = "WHICH", default_value = "all")]
+    pub effects: Effects,
     /// Length of the recorded session in seconds.
     #[arg(long = "drive-duration", value_name = "S", default_value = "40")]
     pub drive: String,

@@ -1,6 +1,6 @@
 //! The page docs/residual/closed-loop.md.
 
-use crate::effect::Kind;
+use crate::effect::{Effects, Kind};
 use crate::options::Options;
 use crate::table::{Cost, Kinds, HEAD};
 
@@ -76,18 +76,33 @@ Such a drive is to be put right before anything is identified; `--size 0.5` halv
         ),
         _ => ("", "the real firmware"),
     };
+    let (title, option, file, which) = match options.effects {
+        Effects::All => ("an effect", "", "", "one effect in all its units"),
+        Effects::OneUnit => (
+            "an effect in one unit",
+            " --effects one-unit",
+            "-one-unit",
+            "one effect in one of its units",
+        ),
+        Effects::Two => (
+            "two effects",
+            " --effects two",
+            "-two",
+            "two effects in all its units (where one of the two is nothing, one)",
+        ),
+    };
     let sources = evaluation::sources();
     format!(
-        "# Closed loop: an effect that the rig file doesn't declare
+        "# Closed loop: {title} that the rig file doesn't declare
 
-Printed by `cargo xtask closed-loop --seeds {first}..{last}{size}{link} --markdown docs/residual/closed-loop.md` ({sources}).
+Printed by `cargo xtask closed-loop --seeds {first}..{last}{option}{size}{link} --markdown docs/residual/closed-loop{file}.md` ({sources}).
 
-Each seed is another rig (scatter of units, survey, noise, the robot's path) with one effect in all its units that the rig
+Each seed is another rig (scatter of units, survey, noise, the robot's path) with {which} that the rig
 file does not have. `forcectl identify --clear-implausible` runs as a process of its own on
 {firmware}. It holds 2.5 N along y at the moving tip for {hold} s, and drives the
 cables for {seconds} s with the tension loops open. It analyses what was recorded, puts what the board can use into a rig file, and holds the force again. The effect is in a file that only the rig reads.
 
-* *named*: units in which the effect was named; what else was named in a third of them or more. Units also differ from the rig file by
+* *named*: units in which the effect was named, of those that have it; what else was named in a third of them or more. Units also differ from the rig file by
   themselves (Coulomb friction by 5 %, its share of load by 8 %, offset by 27 mN), which is found as friction, gain or offset of its own.
 * *found*: median over the units that name it (smallest to largest).
 * *worst cable*, *tip*: RMS of the worst cable's tension error and of the force error at the tip, by the plant's truth, before and
@@ -148,6 +163,7 @@ mod tests {
             markdown: None,
             reuse: false,
             cells: false,
+            effects: Effects::All,
         };
         let kinds = Kinds {
             better: vec![Kind::Ripple, Kind::LoadFriction],
@@ -174,5 +190,11 @@ mod tests {
             page.contains("--seeds 1..10 --size 0.5 --link fast "),
             "{page}"
         );
+        let two = Options {
+            effects: Effects::Two,
+            ..options
+        };
+        let page = super::page(&two, "| row |\n", &kinds);
+        assert!(page.contains("--seeds 1..10 --effects two --size 0.5 --link fast --markdown docs/residual/closed-loop-two.md"), "{page}");
     }
 }

@@ -14,8 +14,10 @@ pub struct Findings {
     pub named: BTreeMap<String, usize>,
     /// Units that took part.
     pub units: usize,
-    /// The compared number in each unit that names the effect.
-    pub found: Vec<f64>,
+    /// For each effect the compared number in each unit that has and names it.
+    pub found: Vec<Vec<f64>>,
+    /// For each effect the units that name it and don't have it.
+    pub elsewhere: Vec<usize>,
     /// Tension error of the worst cable, N RMS, before and after; `None` where a fault ended the
     /// session, or there was none.
     pub worst: (Option<f64>, Option<f64>),
@@ -84,8 +86,10 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
         .as_array()
         .ok_or("identify.json has no units")?;
     let mut named: BTreeMap<String, usize> = BTreeMap::new();
-    let mut found = Vec::new();
+    let mut found = vec![Vec::new(); truth.effects.len()];
+    let mut elsewhere = vec![0; truth.effects.len()];
     for unit in units {
+        let has = truth.is_in(unit["unit"].as_u64().unwrap_or(0));
         let effects: Vec<&Value> = unit["effects"].as_array().into_iter().flatten().collect();
         let mut names: Vec<&str> = effects.iter().filter_map(|e| e["name"].as_str()).collect();
         names.sort_unstable();
@@ -93,15 +97,23 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
         for name in names {
             *named.entry(name.to_owned()).or_default() += 1;
         }
-        let own: Vec<&Value> = effects
-            .into_iter()
-            .filter(|e| e["name"].as_str().is_some_and(|n| truth.names.contains(&n)))
-            .collect();
-        if !own.is_empty() {
-            found.push(compared(truth.kind, &own));
+        for (k, effect) in truth.effects.iter().enumerate() {
+            let is_it = |e: &&Value| {
+                e["name"]
+                    .as_str()
+                    .is_some_and(|n| effect.names.contains(&n))
+            };
+            let own: Vec<&Value> = effects.iter().copied().filter(is_it).collect();
+            match (own.is_empty(), has) {
+                (true, _) => {}
+                (false, true) => found[k].push(compared(effect.kind, &own)),
+                (false, false) => elsewhere[k] += 1,
+            }
         }
     }
-    found.sort_by(f64::total_cmp);
+    for of_effect in &mut found {
+        of_effect.sort_by(f64::total_cmp);
+    }
     let figure = |path: &str| report.pointer(path).and_then(Value::as_f64);
     let before = |path: &str| match report["before_fault"].as_str() {
         Some(_) => Ok(None),
@@ -111,6 +123,7 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
         named,
         units: units.len(),
         found,
+        elsewhere,
         worst: (
             before("/before/worst_tension_rms_n")?,
             figure("/after/worst_tension_rms_n"),
@@ -168,7 +181,7 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFi
     // The same rig without the effect: the smallest error that a correction can reach.
     std::fs::create_dir_all(&control).map_err(|e| format!("{}: {e}", control.display()))?;
     let plain = control.join("plant.toml");
-    std::fs::write(&plain, plant_text("")).map_err(|e| format!("{}: {e}", plain.display()))?;
+    std::fs::write(&plain, plant_text(&[])).map_err(|e| format!("{}: {e}", plain.display()))?;
     Command::new(&options.forcectl)
         .args(["set-force", "0", "2.5", "0", "--duration", &options.hold])
         .args(["--link", &options.link, "--seed", &seed.to_string()])

@@ -1,6 +1,6 @@
 //! The table of results, a row for each seed, and the kinds of effect by result.
 
-use crate::effect::{Kind, Truth};
+use crate::effect::{Effect, Kind, Truth};
 use crate::run::{Findings, NoFindings};
 use std::fmt::Write as _;
 
@@ -49,55 +49,50 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) ->
     let findings = match findings {
         Ok(findings) => findings,
         Err(NoFindings::Stopped) => {
-            let words = &truth.words;
+            let words = truth.words();
             let text =
                 format!("| {seed} | {words} | - | - | - | - | - | - | stopped by fault 45 |\n");
             return (text, false);
         }
         Err(NoFindings::Failed(why)) => {
             return (
-                format!("| {seed} | {} | failed: {why} | | | | | | |\n", truth.words),
+                format!(
+                    "| {seed} | {} | failed: {why} | | | | | | |\n",
+                    truth.words()
+                ),
                 false,
             );
         }
     };
     let units = findings.units;
-    let hits = findings.found.len();
+    let is_true = |name: &str| truth.effects.iter().any(|e| e.names.contains(&name));
     let others: Vec<String> = findings
         .named
         .iter()
-        .filter(|(name, count)| !truth.names.contains(&name.as_str()) && **count * 3 >= units)
+        .filter(|(name, count)| !is_true(name) && **count * 3 >= units)
         .map(|(name, count)| format!("{name} {count}/{units}"))
         .collect();
-    let mut named = match truth.names {
-        [] => "-".to_owned(),
-        _ if hits == 0 => "missed".to_owned(),
-        names => {
-            let seen: Vec<&str> = names
-                .iter()
-                .copied()
-                .filter(|n| findings.named.contains_key(*n))
-                .collect();
-            format!("{} {hits}/{units}", seen.join(" or "))
-        }
-    };
-    if !others.is_empty() {
-        let _ = write!(named, "; beside it {}", others.join(", "));
+    // Units that have the effects.
+    let having = truth.only.map_or(units, |_| 1);
+    let mut named: Vec<String> = (truth.effects.iter().enumerate())
+        .map(|(k, effect)| named_as(effect, k, findings, having))
+        .collect();
+    if named.is_empty() {
+        named.push("-".to_owned());
     }
-    let (true_value, found) = if truth.names.is_empty() {
+    if !others.is_empty() {
+        named.push(format!("beside it {}", others.join(", ")));
+    }
+    let named = named.join("; ");
+    let (true_value, found) = if truth.effects.is_empty() {
         ("-".to_owned(), "-".to_owned())
     } else {
-        let found = findings
-            .found
-            .get(hits / 2)
-            .map_or("-".to_owned(), |median| {
-                format!(
-                    "{median:.3} ({:.3} to {:.3})",
-                    findings.found[0],
-                    findings.found[hits - 1]
-                )
-            });
-        (format!("{:.3} {}", truth.value, truth.unit), found)
+        let values = (truth.effects.iter()).map(|e| format!("{:.3} {}", e.value, e.unit));
+        let found = findings.found.iter().map(|found| median_and_range(found));
+        (
+            values.collect::<Vec<_>>().join("; "),
+            found.collect::<Vec<_>>().join("; "),
+        )
     };
     let pair = |(before, after): (Option<f64>, Option<f64>)| {
         let before = before.map_or("fault 45".to_owned(), |before| format!("{before:.3}"));
@@ -110,7 +105,7 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) ->
     };
     let text = format!(
         "| {seed} | {} | {named} | {true_value} | {found} | {} | {} | {} | {board} |\n",
-        truth.words,
+        truth.words(),
         pair(findings.worst),
         pair(findings.tip),
         findings
@@ -119,7 +114,35 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) ->
                 "{worst:.3}, {tip:.3}"
             ))
     );
-    (text, findings.better && 2 * hits > units)
+    let all_named = findings.found.iter().all(|f| 2 * f.len() > having);
+    let gained = findings.better && all_named && !truth.effects.is_empty();
+    (text, gained)
+}
+
+/// By which names an effect was found, in how many of the units that have it, and in how many that
+/// don't.
+fn named_as(effect: &Effect, k: usize, findings: &Findings, having: usize) -> String {
+    let hits = findings.found[k].len();
+    let seen: Vec<&str> = (effect.names.iter().copied())
+        .filter(|name| findings.named.contains_key(*name))
+        .collect();
+    let mut text = match hits {
+        0 => format!("{} missed", effect.names[0]),
+        _ => format!("{} {hits}/{having}", seen.join(" or ")),
+    };
+    if findings.elsewhere[k] > 0 {
+        let _ = write!(text, ", in {} without it", findings.elsewhere[k]);
+    }
+    text
+}
+
+/// Median and range of sorted numbers.
+fn median_and_range(found: &[f64]) -> String {
+    match found {
+        [] => "-".to_owned(),
+        [first, .., last] => format!("{:.3} ({first:.3} to {last:.3})", found[found.len() / 2]),
+        [one] => format!("{one:.3}"),
+    }
 }
 
 /// Kinds of effect by result.
@@ -158,14 +181,14 @@ impl Kinds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effect::{kind_of, truth};
+    use crate::effect::{kind_of, truth, Effects};
     use crate::run::read;
     use serde_json::json;
 
     #[test]
     fn a_report_is_held_against_the_truth() {
         let seed = (1..20).find(|s| kind_of(*s) == Kind::Gain).unwrap();
-        let truth = truth(seed, 1.0);
+        let truth = truth(seed, 1.0, Effects::All);
         let unit = |name: &str, error: f64| json!({"effects": [{"name": name, "params": {"gain_error": error}}]});
         let report = json!({
             "units": [unit("gain", -0.2), unit("gain", -0.3), unit("tone", 0.0)],
