@@ -1,5 +1,6 @@
 //! What a seed's rig has beyond its rig file: kind and size, drawn from the seed, as a plant file.
 
+use evaluation::clap;
 use std::fmt::Write as _;
 
 /// Cables start this slack, m, so that the zeros are taken without a pull, as docs/bring-up.md has
@@ -76,7 +77,7 @@ pub const KINDS: [Kind; 10] = [
 ];
 
 /// Where the effects of a rig are, and how many.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, evaluation::clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Effects {
     /// One, in all units.
     All,
