@@ -4,12 +4,12 @@
 //!
 //! Prints RMS over all cables, the worst cable's RMS and the largest error, in N. Keys: `kp`,
 //! `ki`, `leaky`, `kd`, `damping` (N, s, m), `ff` (0 or 1), `reversal` (um), `corner` (Hz) or
-//! `average` (samples), `slew` (N/s); `coulomb` (N), `gain`, `viscous` (N s/m), `ripple` (N,
-//! motor's order 1); of the plant `ea` (cable, N), `gives` (robot, mm/N), `speed` (robot, mm/s),
-//! `breakaway` (ratio), `presliding` (um), `level` (friction, factor), and what it does beyond the
-//! model: `more_coulomb` (N), `more_viscous` (N s/m), `more_ripple` (N), `more_gain` (part),
-//! `delay` (ms); of what the host knows of the robot `pose` (noise of a dVRK's poses, um) or
-//! `raven` (1); `seconds`, `seeds`, `from` (first seed).
+//! `average` (samples), `slew` (N/s); `coulomb` (N), `per_load` (N per N), `offset` (N), `gain`,
+//! `viscous` (N s/m), `ripple` (N, motor's order 1); of the plant `ea` (cable, N), `gives` (robot,
+//! mm/N), `speed` (robot, mm/s), `breakaway` (ratio), `presliding` (um), `level` (friction,
+//! factor), and what it does beyond the model: `more_coulomb` (N), `more_viscous` (N s/m),
+//! `more_ripple` (N), `more_gain` (part), `delay` (ms); of what the host knows of the robot `pose`
+//! (noise of a dVRK's poses, um) or `raven` (1); `seconds`, `seeds`, `from` (first seed).
 //!
 //! `table` alone, or with `seconds`, `seeds`, `from`: plants that differ from the declared one by
 //! what the host knows of the robot, and how long steps of force take while the tip moves.
@@ -170,6 +170,8 @@ fn main() -> ExitCode {
             "average" => wire.filter = FilterChoice::MovingAverage(value as u8),
             "slew" => wire.slew_un_per_s = (value * 1e6) as i32,
             "coulomb" => wire.coulomb_un = (value * 1e6) as i32,
+            "per_load" => wire.coulomb_load_q16 = q16,
+            "offset" => wire.friction_offset_un = (value * 1e6) as i32,
             "gain" => wire.friction_gain_q16 = q16,
             "viscous" => wire.viscous_q16 = q16,
             "ripple" => {
