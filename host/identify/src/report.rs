@@ -4,6 +4,7 @@ use super::file::{self, FileError};
 use super::{Figures, Trial, UnitFinding};
 use run::plot;
 use serde_json::{json, Value};
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use wire::UNITS;
 
@@ -95,6 +96,7 @@ impl Trial {
                 }
             ));
         }
+        lines.extend(over_units(units).map(|text| format!("\n{text}")));
         let reports: Vec<String> = units
             .iter()
             .map(|u| format!("unit{}/report.md", u.unit))
@@ -164,6 +166,49 @@ impl Trial {
             lines.push("\n![Errors before and after](compare.svg)".to_owned());
         }
     }
+}
+
+/// Which effects most units have, and which only some; `None`: none of them has any.
+pub(super) fn over_units(units: &[UnitFinding]) -> Option<String> {
+    use residual::EffectKind::{Coulomb, LoadDependentCoulomb};
+    let mut having: BTreeMap<String, BTreeSet<u8>> = BTreeMap::new();
+    for u in units {
+        for e in &u.report.effects {
+            let name = match e.name {
+                // Two forms of one friction.
+                Coulomb | LoadDependentCoulomb => format!("{Coulomb} or {LoadDependentCoulomb}"),
+                other => other.to_string(),
+            };
+            having.entry(name).or_default().insert(u.unit);
+        }
+    }
+    let (most, few): (Vec<_>, Vec<_>) =
+        (having.into_iter()).partition(|(_, of)| 2 * of.len() > units.len());
+    let mut text = Vec::new();
+    if !most.is_empty() {
+        let names = most
+            .iter()
+            .map(|(name, of)| format!("{name} ({})", of.len()));
+        let names: Vec<String> = names.collect();
+        text.push(format!(
+            "In most of the {} units: {}.",
+            units.len(),
+            names.join(", ")
+        ));
+    }
+    if !few.is_empty() {
+        let names = few.iter().map(|(name, of)| {
+            let of: Vec<String> = of.iter().map(u8::to_string).collect();
+            format!("{name} (unit {})", of.join(", "))
+        });
+        let names: Vec<String> = names.collect();
+        text.push(format!(
+            "Only in some: {}. That is these units' own, or a name for what one session does not tell apart: \
+             see the rivals in their reports, and drive them once more before you act on it.",
+            names.join(", ")
+        ));
+    }
+    (!text.is_empty()).then(|| text.join(" "))
 }
 
 /// What was found of a unit, in JSON.

@@ -108,6 +108,23 @@ fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
     }
     let parsed = Rig::parse("rig", &findings.rewritten.text).unwrap();
     assert_eq!(parsed, findings.rig);
+    let pooled = report::over_units(&findings.units).unwrap();
+    assert!(
+        pooled.contains("Only in some: ") && pooled.contains("gain (unit 3"),
+        "{pooled}"
+    );
+    let of_one = |n: u8| UnitFinding {
+        unit: n,
+        ..findings.units[2].clone()
+    };
+    let alike: Vec<UnitFinding> = (1..=6).map(of_one).collect();
+    let pooled = report::over_units(&alike).unwrap();
+    assert!(
+        pooled.starts_with("In most of the 6 units: ") && pooled.contains("gain (6)"),
+        "{pooled}"
+    );
+    assert!(!pooled.contains("Only"), "{pooled}");
+    assert_eq!(report::over_units(&[]), None);
     finds_nothing_more(&findings, effects);
     refuses_what_is_not_clear(&findings.units[0].report);
     names_what_may_stand_for_an_effect(findings.units[0].clone());
