@@ -185,7 +185,7 @@ fn read_controller(root: &Section<'_, '_>) -> ControllerSettings {
     let section = root.section("controller");
     let controller = ControllerSettings {
         kp: section.number("kp", 0.0..=10.0, "0.2").value,
-        ki_per_s: section.number("ki_per_s", 0.0..=100.0, "0.5").value,
+        ki_per_s: section.number("ki_per_s", 0.0..=100.0, "2.0").value,
         integral_limit_n: section.number("integral_limit_n", 0.0..=20.0, "1.5").value,
         slew_n_per_s: section.number("slew_n_per_s", 0.1..=1000.0, "20.0").value,
         force_limit_n: section.number("force_limit_n", 0.1..=60.0, "12.0").value,
