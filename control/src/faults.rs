@@ -153,7 +153,7 @@ faults! {
     /// Over-tension.
     OverTension = 32, Unit, "over-tension",
         meaning: "The cable's tension passed its limit: over_tension_n of the rig file, and 13 N already while the unit is driven (1 N above tension_max_n where that is more). The motor is at 0 V.",
-        way_out: "Find the cause: robot motion, tangled cable, wrong zero (zero with slack cables) or a load cell that drifted. Then clear and arm.",
+        way_out: "Find the cause: robot motion, tangled cable, wrong zero (zero with slack cables), a load cell that drifted, or tensions that swing (the robot gives way under its cables, or a drive is late). Then clear and arm.",
         detail: "tension in millinewton";
     /// Sensor silent.
     SensorSilent = 33, Unit, "sensor silent",
@@ -222,7 +222,7 @@ faults! {
         detail: "difference in millinewton; bit 31: more tension than the command makes";
     /// The command stands at its limit.
     CommandAtLimit = 46, Unit, "command at its limit",
-        meaning: "The unit's command stood at its upper limit, or at zero with too much tension, and the tension did not reach the setpoint: the load cell reads wrong, the amplifier is weak, or friction is far from the configured one.",
+        meaning: "The unit's command stood at its upper limit, or at zero with too much tension, and the tension did not reach the setpoint: the load cell reads wrong, the amplifier is weak, friction is far from the configured one, or the tension swings.",
         way_out: "Compare the load cell with a known weight, check the amplifier, and find friction with forcectl identify. authority_n in the rig file is what the command may exceed the friction model by. Then clear and arm.",
         detail: "command in millinewton";
 }

@@ -19,6 +19,7 @@ use rig::Rig;
 use serde::Serialize;
 use session::inject;
 use session::TimedSample;
+use std::fmt::Write as _;
 use wire::message::flags;
 use wire::UNITS;
 
@@ -319,12 +320,58 @@ impl Evidence<'_> {
             }
         }
         let i = largest(metrics.tension_rms_n)?;
-        Some(format!(
+        let mut text = format!(
             "cable {} is furthest from its setpoint, {:.2} N RMS",
             i + 1,
             metrics.tension_rms_n[i]
-        ))
+        );
+        let error_n = steady.iter().map(|step| {
+            (
+                step.t_s,
+                step.measured_tension_n[i] - step.tension_setpoint_n[i],
+            )
+        });
+        if let Some(hz) = swing_hz(error_n.clone()) {
+            let _ = write!(
+                text,
+                ", and swings {hz:.1} times a second, as loops do on a robot that gives way under its cables, with a late \
+                 drive, or with gains that are too high (docs/architecture.md, `A robot that gives way`)"
+            );
+        }
+        Some(text)
     }
+}
+
+/// Slowest swing of a tension loop, Hz: below it the robot's own motion may repeat.
+const SLOWEST_SWING_HZ: f64 = 0.8;
+/// Periods in a row that make a swing, and the largest part by which they may scatter.
+const SWING_PERIODS: usize = 4;
+const SWING_SCATTER: f64 = 0.25;
+
+/// How often a second an error swings; `None`: not regularly. Of errors over time, s. Half the RMS on
+/// either side of the mean is hysteresis against noise.
+fn swing_hz(errors: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
+    let count = errors.clone().count() as f64;
+    let mean = errors.clone().map(|(_, e)| e).sum::<f64>() / count;
+    let rms = (errors.clone().map(|(_, e)| (e - mean).powi(2)).sum::<f64>() / count).sqrt();
+    let mut ups: Vec<f64> = Vec::new();
+    let mut low = false;
+    for (t, e) in errors {
+        if e - mean < -0.5 * rms {
+            low = true;
+        } else if low && e - mean > 0.5 * rms {
+            low = false;
+            ups.push(t);
+        }
+    }
+    let periods: Vec<f64> = ups.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    if periods.len() < SWING_PERIODS {
+        return None;
+    }
+    let period = periods.iter().sum::<f64>() / periods.len() as f64;
+    let variance = periods.iter().map(|p| (p - period).powi(2)).sum::<f64>() / periods.len() as f64;
+    let regular = variance.sqrt() < SWING_SCATTER * period;
+    (regular && period * SLOWEST_SWING_HZ < 1.0).then(|| 1.0 / period)
 }
 
 #[cfg(test)]
@@ -410,6 +457,29 @@ mod tests {
         }
         // One that has settled is long enough.
         assert_eq!(judge(&steps(|_| 0.0)[..120], &none), []);
+    }
+
+    #[test]
+    fn a_swing_is_told_with_its_rate() {
+        let told = |error_n: &dyn Fn(f64) -> f64| {
+            let found = judge(&steps(error_n), &Saturation::default());
+            found
+                .first()
+                .map_or(String::new(), |first| first.text.clone())
+        };
+        let swing = |hz: f64| move |t: f64| 0.6 * (std::f64::consts::TAU * hz * t).sin();
+        let text = told(&swing(2.0));
+        assert!(text.contains("swings 2.0 times a second"), "{text}");
+        // Reversals of a robot that goes to and fro, and errors that come at any time.
+        for error_n in [&swing(0.5) as &dyn Fn(f64) -> f64, &|t: f64| {
+            0.6 * (4.0 * t * t).sin()
+        }] {
+            let text = told(error_n);
+            assert!(
+                text.contains("furthest") && !text.contains("swings"),
+                "{text}"
+            );
+        }
     }
 
     #[test]
