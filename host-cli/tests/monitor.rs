@@ -226,10 +226,10 @@ fn an_estimate_is_shown_while_the_robot_tells_its_state_and_an_alarm_once_it_doe
         "[robot]\nkind = \"udp\"\nlisten = \"{to}\"\nname = \"arm\"\n[robot.watch]\nmax_age_s = 2.0\nmax_clock_step_s = 60.0\n"
     );
     std::fs::write(folder.join("robot.toml"), robot).unwrap();
-    let line = "monitor --link rig:fake --json --estimate m.model --robot robot.toml";
-    // An address tells of no robot.
-    expect(folder, line, 2, &["--any-robot takes the model as it is"]);
-    let line = format!("{line} --any-robot --duration 600");
+    let line = "monitor --link rig:fake --estimate m.model --robot robot.toml";
+    // The model is of another robot.
+    expect(folder, line, 2, &["`arm`", "--any-robot"]);
+    let line = format!("{line} --any-robot --json --duration 600");
     let mut child = forcectl(folder, &words(&line)).spawn().unwrap();
     let lines: Arc<Mutex<Vec<Value>>> = Arc::default();
     let (out, into) = (child.stdout.take().unwrap(), Arc::clone(&lines));
@@ -240,10 +240,10 @@ fn an_estimate_is_shown_while_the_robot_tells_its_state_and_an_alarm_once_it_doe
         }
     });
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let until = Instant::now() + LIMIT;
     let mut sent = 0;
     // States at 50 Hz by their stamps, with so much more torque at the elbow, until a line is so.
     let mut states = |more: f64, done: &dyn Fn(&Value) -> bool| {
+        let until = Instant::now() + LIMIT;
         while !lines.lock().unwrap().iter().any(done) {
             assert!(Instant::now() < until, "{:?}", lines.lock().unwrap().last());
             let t = f64::from(sent) * 0.02;
@@ -289,6 +289,7 @@ fn an_estimate_is_shown_while_the_robot_tells_its_state_and_an_alarm_once_it_doe
         let last = lines.iter().rev().find(|line| line["tension_n"].is_array());
         last.is_some_and(|line| line["estimate"].is_null())
     };
+    let until = Instant::now() + LIMIT;
     while !silent() {
         assert!(Instant::now() < until, "the estimate stays");
         std::thread::sleep(Duration::from_millis(10));

@@ -184,7 +184,7 @@ impl Monitor {
                 welcome.name, welcome.link, welcome.pid
             );
             let mut source = source::ServiceSource::new(client)?;
-            #[cfg_attr(not(feature = "estimate"), expect(unused_mut))]
+            #[cfg_attr(not(feature = "estimate"), allow(unused_mut))]
             let mut watching = Watching::new(context, title, &rig, self.duration, false);
             #[cfg(feature = "estimate")]
             watching.follow(&self.estimate, estimator)?;
@@ -198,7 +198,7 @@ impl Monitor {
                 let duration = self
                     .duration
                     .or((own && !self.full_screen(context)).then_some(EMBEDDED_DURATION_S));
-                #[cfg_attr(not(feature = "estimate"), expect(unused_mut))]
+                #[cfg_attr(not(feature = "estimate"), allow(unused_mut))]
                 let mut watching = Watching::new(context, title, rig, duration, own);
                 #[cfg(feature = "estimate")]
                 watching.follow(&self.estimate, estimator)?;
@@ -248,17 +248,13 @@ impl<'a> Watching<'a> {
         own: bool,
     ) -> Self {
         let scale_n = rig.units.iter().map(|unit| unit.tension_max_n);
-        let model = Model {
-            exits_m: Some(rig.units.map(|unit| unit.exit_m)),
-            ..Model::default()
-        };
         Self {
             context,
             title,
             scale_n: scale_n.fold(1.0, f64::max),
             duration_s,
             own,
-            model,
+            model: Model::of(rig),
             start_s: None,
             started: Instant::now(),
             #[cfg(feature = "foxglove")]
@@ -280,7 +276,7 @@ impl<'a> Watching<'a> {
     }
 
     /// What a model tells, where one was asked for.
-    #[cfg_attr(not(feature = "estimate"), expect(clippy::unused_self))]
+    #[cfg_attr(not(feature = "estimate"), allow(clippy::unused_self))]
     fn estimates(&mut self) -> Vec<Update> {
         #[cfg(feature = "estimate")]
         if let Some(estimating) = &mut self.estimating {

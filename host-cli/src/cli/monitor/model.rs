@@ -4,6 +4,7 @@ use super::source::{Event, Update};
 use crate::cli::values::AXES;
 use control::geometry::{applied_force, cable_direction};
 use nalgebra::Vector3;
+use rig::Rig;
 use serde_json::{json, Value};
 use session::telemetry::Telemetry;
 use std::collections::VecDeque;
@@ -118,6 +119,14 @@ pub struct Model {
 }
 
 impl Model {
+    /// Nothing is known yet of this rig but where its cables leave the reels.
+    pub fn of(rig: &Rig) -> Self {
+        Self {
+            exits_m: Some(rig.units.map(|unit| unit.exit_m)),
+            ..Self::default()
+        }
+    }
+
     /// Takes an update.
     pub fn take(&mut self, update: Update) {
         match update {
