@@ -8,7 +8,6 @@ mod common;
 use common::logs::{day, log};
 use common::{expect, folder, run};
 use experiment::table::Table;
-use std::path::Path;
 
 /// A quick training on a folder of logs; the rest of a line.
 const LINEAR: &str = "--model linear --no-intervals --out";

@@ -239,6 +239,15 @@ fn an_estimate_is_shown_while_the_robot_tells_its_state_and_an_alarm_once_it_doe
             into.lock().unwrap().push(object);
         }
     });
+    let tensions = |line: &&Value| line["tension_n"].is_array();
+    let last = || lines.lock().unwrap().iter().rfind(tensions).cloned();
+    let until = Instant::now() + LIMIT;
+    while last().is_none() {
+        assert!(Instant::now() < until, "no line");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    // Before the first state.
+    assert!(last().unwrap()["estimate"].is_null());
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let mut sent = 0;
     // States at 50 Hz by their stamps, with so much more torque at the elbow, until a line is so.
@@ -273,8 +282,7 @@ fn an_estimate_is_shown_while_the_robot_tells_its_state_and_an_alarm_once_it_doe
     let valid = lines_of(&|line| line["estimate"]["valid"] == true);
     assert!(valid[0]["estimate"]["estimate_y_n"].is_f64());
     assert!(valid[0]["estimate"]["half_width_n"].as_f64() > Some(0.0));
-    // Before the first state, and what does not fit is not valid.
-    assert!(lines_of(&|line| line["tension_n"].is_array())[0]["estimate"].is_null());
+    // What does not fit is not valid.
     let misfit = lines_of(&|line| line["estimate"]["misfits"] == true);
     assert_eq!(misfit[0]["estimate"]["valid"], false);
     let alarm = &lines_of(&|line| line["event"] == "misfit")[0];
@@ -284,13 +292,8 @@ fn an_estimate_is_shown_while_the_robot_tells_its_state_and_an_alarm_once_it_doe
         "{text}"
     );
     // The robot falls silent, and the estimate with it.
-    let silent = || {
-        let lines = lines.lock().unwrap();
-        let last = lines.iter().rev().find(|line| line["tension_n"].is_array());
-        last.is_some_and(|line| line["estimate"].is_null())
-    };
     let until = Instant::now() + LIMIT;
-    while !silent() {
+    while !last().unwrap()["estimate"].is_null() {
         assert!(Instant::now() < until, "the estimate stays");
         std::thread::sleep(Duration::from_millis(10));
     }
