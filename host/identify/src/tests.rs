@@ -130,8 +130,8 @@ fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
     names_what_may_stand_for_an_effect(findings.units[0].clone());
 }
 
-/// A second identification of the same rig, with what the first declared: what is left is within the
-/// error of a session. A margin that each one adds would be 0.1 N.
+/// A second identification of the same rig, with what the first declared: what is left is within
+/// the error of a session. A margin that each one adds would be 0.1 N.
 fn finds_nothing_more(first: &Findings, effects: Vec<Effect>) {
     let (second, _) = identified_from(&first.rig, &first.rewritten.text, effects);
     for (old, new) in first.rig.units.iter().zip(&second.rig.units) {

@@ -348,8 +348,8 @@ const SLOWEST_SWING_HZ: f64 = 0.8;
 const SWING_PERIODS: usize = 4;
 const SWING_SCATTER: f64 = 0.25;
 
-/// How often a second an error swings; `None`: not regularly. Of errors over time, s. Half the RMS on
-/// either side of the mean is hysteresis against noise.
+/// How often a second an error swings; `None`: not regularly. Of errors over time, s. Half the RMS
+/// on either side of the mean is hysteresis against noise.
 fn swing_hz(errors: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
     let count = errors.clone().count() as f64;
     let mean = errors.clone().map(|(_, e)| e).sum::<f64>() / count;
