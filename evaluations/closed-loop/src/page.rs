@@ -106,7 +106,7 @@ cables for {seconds} s with the tension loops open. It analyses what was recorde
   themselves (Coulomb friction by 5 %, its share of load by 8 %, offset by 27 mN), which is found as friction, gain or offset of its own.
 * *found*: median over the units that name it (smallest to largest).
 * *worst cable*, *tip*: RMS of the worst cable's tension error and of the force error at the tip, by the plant's truth, before and
-  after. `fault 45`: the tension was implausible until the board gave up the units.
+  after. `fault 45` or `44`: the tension was implausible or negative, as in a swing, until the board gave up the units.
 * *without it*: both on the same rig without the effect, rig file as it is. After a correction they can be smaller than that, since the
   units' own scatter is corrected as well.
 * *board*: `better` where the worst cable gained for sure (the 95 % interval over pairs of runs, and over all looks at it, excludes

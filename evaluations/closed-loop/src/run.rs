@@ -25,6 +25,8 @@ pub struct Findings {
     pub tip: (Option<f64>, Option<f64>),
     /// Worst cable and tip of the same rig without the effect, with the rig file as it is.
     pub without: Option<(f64, f64)>,
+    /// What ended the session before, in a word or two; `None`: nothing did.
+    pub stopped: Option<&'static str>,
     /// Changed settings.
     pub changed: usize,
     /// Whether the force was held better after.
@@ -130,6 +132,13 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
         ),
         tip: (before("/before/tip_rms_n")?, figure("/after/tip_rms_n")),
         without: None,
+        stopped: (report["before_fault"].as_str()).map(|why| {
+            if why.contains("fault 44") {
+                "fault 44"
+            } else {
+                "fault 45"
+            }
+        }),
         changed: report["changed"].as_array().map_or(0, Vec::len),
         better: report["better"].as_bool().unwrap_or(false),
     })

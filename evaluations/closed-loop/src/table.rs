@@ -95,7 +95,8 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) ->
         )
     };
     let pair = |(before, after): (Option<f64>, Option<f64>)| {
-        let before = before.map_or("fault 45".to_owned(), |before| format!("{before:.3}"));
+        let stopped = || findings.stopped.unwrap_or("-").to_owned();
+        let before = before.map_or_else(stopped, |before| format!("{before:.3}"));
         after.map_or(before.clone(), |after| format!("{before} -> {after:.3}"))
     };
     let board = match (findings.changed, findings.better) {

@@ -24,9 +24,9 @@ Sessions 1 and 3 are repeated as pairs, at least twice, until the 95 % interval 
 The robot has to move during all sessions; the embedded rig's robot does. The cables have to be slack at the start of
 each session, because zeros are taken there.
 
-A drive with a delay may oscillate in session 1 until fault 45 (tension implausible) ends it. With --clear-implausible
-the command clears this fault, and a fault 15 of the same unit behind it that no tension shows, and goes on; in
-session 2 the loops are open. The findings are then better where the force is held with them to the end.
+A drive with a delay may oscillate in session 1 until fault 45 (tension implausible) or 44 (tension negative) ends it. With
+--clear-implausible the command clears this fault, and a fault 15 of the same unit behind it that no tension shows, and goes
+on; in session 2 the loops are open. The findings are then better where the force is held with them to the end.
 
 The rig file is written to DIR as rig.before.toml, the corrected one as rig.after.toml. --apply also replaces the file
 that --rig names and keeps the old one as FILE.before-N. It does so only where the findings were clear and the force was held
@@ -65,7 +65,7 @@ pub struct Identify {
     /// Replace the file that --rig names by the corrected one, where the result was better
     #[arg(long)]
     apply: bool,
-    /// Clear a fault 45 (tension implausible) that ends a session without the findings, and go on
+    /// Clear a fault 45 or 44 (tension implausible or negative) that ends a session without the findings, and go on
     #[arg(long)]
     clear_implausible: bool,
     #[command(flatten)]

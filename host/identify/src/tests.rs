@@ -193,7 +193,7 @@ fn a_session_that_a_late_drive_ends_is_cleared() {
     let plant = folder.path().join("late.toml");
     let mut behind = 0;
     for seed in 1..=6 {
-        for delay_s in [0.0035, 0.00414, 0.006] {
+        for delay_s in [0.0035, 0.00414, 0.006, 0.0092] {
             let late = format!("[[effects]]\nkind = \"command_delay\"\ndelay_s = {delay_s}\n");
             std::fs::write(&plant, late).unwrap();
             let options = session::link::EmbeddedOptions {
@@ -223,6 +223,8 @@ fn a_fault_of_another_cause_is_not_cleared_with_it() {
     use super::trial::{of_a_swing, other_fault};
     let over_tension = control::Fault::OverTension.code();
     assert!(of_a_swing(over_tension, 19_999) && !of_a_swing(over_tension, 20_000));
+    let negative = control::Fault::TensionNegative.code();
+    assert!(of_a_swing(negative, 3_999) && !of_a_swing(negative, 4_000));
     let status = |board: (u16, u32), units: &[(usize, u16)]| {
         let mut link = FakeBoard::new(Behavior::Good);
         let mut board_status = Session::connect(&mut link).unwrap().get_status().unwrap();

@@ -27,7 +27,7 @@ const TENSION_UNKNOWN: u32 = 0xFF_FFFF;
 pub enum Held {
     /// To the end.
     Whole(Outcome, Figures),
-    /// Until units dropped out with a fault 45; which, in words.
+    /// Until units dropped out with a fault of a swing; which, in words.
     Implausible(Outcome, String),
 }
 
@@ -37,7 +37,7 @@ pub enum HoldError {
     /// The run failed.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A fault 45 ended it, and nobody said that it may be cleared.
+    /// A fault 45 or 44 ended it, and nobody said that it may be cleared.
     #[error(
         "{0}\nA drive with a delay oscillates in a closed loop until this fault ends it. If cables, cells and amplifiers are \
          as they should be, --clear-implausible clears the fault and goes on with open loops, to find the cause"
@@ -48,8 +48,8 @@ pub enum HoldError {
     Short,
 }
 
-/// Holds a force in a session of its own. With `clear`, a fault 45 that ended it is cleared. Where
-/// its cause is still there it stays latched, and the next session does not begin.
+/// Holds a force in a session of its own. With `clear`, a fault 45 or 44 that ended it is cleared.
+/// Where its cause is still there it stays latched, and the next session does not begin.
 ///
 /// # Errors
 /// [`HoldError`]; the rig was made safe as far as the link allowed.
@@ -63,10 +63,10 @@ pub fn hold(
     let outcome = match run::hold_force(link, rig, options, observer) {
         Ok(outcome) => outcome,
         Err(Stopped { error, outcome }) => {
-            let units = outcome.as_ref().and_then(|o| implausible(&o.faults));
-            return match (units, outcome) {
-                (Some(units), Some(outcome)) if clear => {
-                    let why = format!("fault 45 (tension implausible) of {units} ended a session");
+            let which = outcome.as_ref().and_then(|o| swing(&o.faults));
+            return match (which, outcome) {
+                (Some(which), Some(outcome)) if clear => {
+                    let why = format!("{which} ended a session");
                     observer.notice(&format!("{why}; it is cleared"));
                     clear_faults(link, &options.stop, observer)?;
                     Ok(Held::Implausible(*outcome, why))
@@ -83,7 +83,7 @@ pub fn hold(
     Ok(Held::Whole(outcome, figures))
 }
 
-/// Clears the board's faults after a session that a fault 45 ended, once the cables have come to
+/// Clears the board's faults after a session that a fault of a swing ended, once the cables have come to
 /// rest.
 ///
 /// A unit with fault 45 has a load cell that is not believed. Where its reel does not pay out (the
@@ -145,10 +145,18 @@ pub fn clear_faults(
 /// faults from 13 N on, and what is above 20 N is another matter.
 const SWING_MN: u32 = 20_000;
 
+/// How far below zero a load cell may read in such a swing, mN. A cable that is thrown slack lets
+/// its cell ring, and a drive that is 9 ms late does so again and again: 1.4 and 1.6 N behind
+/// impacts of 12 N (seed 25 of `cargo xtask closed-loop`). A cell whose wires are exchanged reads so
+/// in the next session as well, and ends it.
+const SWING_NEGATIVE_MN: u32 = 4_000;
+
 /// Whether a unit's fault is that of a loop that swings.
 pub(super) fn of_a_swing(code: u16, detail: u32) -> bool {
-    code == control::Fault::Implausible.code()
-        || code == control::Fault::OverTension.code() && detail < SWING_MN
+    use control::Fault as F;
+    code == F::Implausible.code()
+        || code == F::OverTension.code() && detail < SWING_MN
+        || code == F::TensionNegative.code() && detail < SWING_NEGATIVE_MN
 }
 
 /// The first latched fault that is neither a unit's fault of a swing nor, of a unit with fault 45,
@@ -182,17 +190,16 @@ pub fn is_implausible(error: &RunError) -> bool {
     matches!(error, RunError::Fault(Fault::Latched(fault)) if fault.code == control::Fault::Implausible.code())
 }
 
-/// The units in words, where all faults of a session are fault 45 of units, or over-tension of the
-/// same swing. A fault 15 behind it is [`clear_faults`]' to judge.
-fn implausible(faults: &[RunFault]) -> Option<String> {
-    let behind = |fault: &&RunFault| {
-        fault.unit.is_none() && fault.code == control::Fault::OutputStuck.code()
-    };
-    // How far an over-tension went is for [`clear_faults`] to judge.
+/// Fault and units in words, where all faults of a session are fault 45 or 44 of units, or
+/// over-tension of the same swing. A fault 15 behind it is [`clear_faults`]' to judge, and so is how
+/// far a tension went.
+fn swing(faults: &[RunFault]) -> Option<String> {
+    use control::Fault as F;
+    let leading = [F::Implausible, F::TensionNegative]
+        .into_iter()
+        .find(|fault| faults.iter().any(|f| f.code == fault.code()))?;
+    let behind = |fault: &&RunFault| fault.unit.is_none() && fault.code == F::OutputStuck.code();
     let unit = |fault: &RunFault| fault.unit.filter(|_| of_a_swing(fault.code, 0));
-    if !(faults.iter()).any(|fault| fault.code == control::Fault::Implausible.code()) {
-        return None;
-    }
     let mut units: Vec<u8> = faults
         .iter()
         .filter(|fault| !behind(fault))
@@ -201,11 +208,15 @@ fn implausible(faults: &[RunFault]) -> Option<String> {
     units.sort_unstable();
     units.dedup();
     let names: Vec<String> = units.iter().map(u8::to_string).collect();
-    match names.len() {
-        0 => None,
-        1 => Some(format!("unit {}", names[0])),
-        _ => Some(format!("units {}", names.join(", "))),
-    }
+    let of = match names.len() {
+        0 => return None,
+        1 => format!("unit {}", names[0]),
+        _ => format!("units {}", names.join(", ")),
+    };
+    Some(match leading {
+        F::Implausible => format!("fault 45 (tension implausible) of {of}"),
+        _ => format!("fault 44 (tension negative) of {of}"),
+    })
 }
 
 /// Why the rig file is left as it is.
@@ -213,7 +224,7 @@ fn implausible(faults: &[RunFault]) -> Option<String> {
 pub enum Left {
     /// No finding changes a setting.
     NothingClear,
-    /// A fault 45 ended a session with the findings; of which units, in words.
+    /// A fault of a swing ended a session with the findings; of which units, in words.
     NotHeld(String),
     /// The error of a run is zero, infinite or NaN.
     NoError,
