@@ -65,7 +65,8 @@ pub struct Identify {
     /// Replace the file that --rig names by the corrected one, where the result was better
     #[arg(long)]
     apply: bool,
-    /// Clear a fault 45 or 44 (tension implausible or negative) that ends a session without the findings, and go on
+    /// Clear a fault 45 or 44 (tension implausible, negative) that ends a session without the
+    /// findings, and go on
     #[arg(long)]
     clear_implausible: bool,
     #[command(flatten)]

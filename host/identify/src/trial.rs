@@ -83,8 +83,8 @@ pub fn hold(
     Ok(Held::Whole(outcome, figures))
 }
 
-/// Clears the board's faults after a session that a fault of a swing ended, once the cables have come to
-/// rest.
+/// Clears the board's faults after a session that a fault of a swing ended, once the cables have
+/// come to rest.
 ///
 /// A unit with fault 45 has a load cell that is not believed. Where its reel does not pay out (the
 /// robot came towards it, and the cable went slack by that), nothing shows that 0 V had an effect,
@@ -407,7 +407,7 @@ mod tests {
     use control::Fault;
 
     #[test]
-    fn only_fault_45_of_units_may_be_cleared() {
+    fn only_faults_of_a_swing_of_units_may_be_cleared() {
         let fault = |unit: Option<u8>, fault: Fault| RunFault {
             t_s: 1.0,
             unit,
@@ -415,12 +415,24 @@ mod tests {
             text: String::new(),
         };
         let of = |unit: u8| fault(Some(unit), Fault::Implausible);
-        let words = |faults: &[RunFault]| implausible(faults);
-        assert_eq!(words(&[of(3)]).as_deref(), Some("unit 3"));
+        let words = |faults: &[RunFault]| swing(faults);
+        assert_eq!(
+            words(&[of(3)]).as_deref(),
+            Some("fault 45 (tension implausible) of unit 3")
+        );
         assert_eq!(
             words(&[of(6), of(1), of(3), of(1)]).as_deref(),
-            Some("units 1, 3, 6")
+            Some("fault 45 (tension implausible) of units 1, 3, 6")
         );
+        let negative = [
+            fault(Some(2), Fault::TensionNegative),
+            fault(Some(5), Fault::OverTension),
+        ];
+        assert_eq!(
+            words(&negative).as_deref(),
+            Some("fault 44 (tension negative) of units 2, 5")
+        );
+        assert_eq!(words(&negative[1..]), None);
         assert_eq!(words(&[]), None);
         assert_eq!(words(&[of(1), fault(None, Fault::TipForce)]), None);
         assert_eq!(words(&[of(1), fault(Some(2), Fault::SensorFrozen)]), None);
