@@ -5,80 +5,19 @@
 
 mod common;
 
+use common::fake::service;
 use common::signals;
-use rig::{DEFAULT_NAME, DEFAULT_TEXT};
 use rustix::pty::{grantpt, openpt, ptsname, unlockpt, OpenptFlags};
 use rustix::termios::{tcgetattr, tcgetwinsize, tcsetwinsize, Winsize};
 use serde_json::{json, Value};
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Write};
-use std::os::unix::net::UnixListener;
+use std::io::{Read, Write};
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 const LIMIT: Duration = Duration::from_secs(60);
-
-/// A service with one client. It remembers what was called.
-fn service(folder: &std::path::Path) -> Arc<Mutex<Vec<String>>> {
-    let listener = UnixListener::bind(folder.join("fake.sock")).unwrap();
-    let calls: Arc<Mutex<Vec<String>>> = Arc::default();
-    let log = Arc::clone(&calls);
-    std::thread::spawn(move || {
-        for stream in listener.incoming() {
-            let Ok(stream) = stream else { return };
-            let log = Arc::clone(&log);
-            std::thread::spawn(move || {
-                let mut out = stream.try_clone().unwrap();
-                for line in BufReader::new(stream).lines().map_while(Result::ok) {
-                    let request: Value = serde_json::from_str(&line).unwrap();
-                    let method = request["method"].as_str().unwrap().to_owned();
-                    log.lock().unwrap().push(method.clone());
-                    let result = if method == "hello" {
-                        json!({
-                            "version": 1, "name": "fake", "link": "a fake link", "pid": 7, "seed": null, "board": null,
-                            "rig_file": DEFAULT_NAME, "rig_text": DEFAULT_TEXT, "now_ns": 0, "terminal": null,
-                        })
-                    } else {
-                        json!({})
-                    };
-                    let answer = json!({"jsonrpc": "2.0", "id": request["id"], "result": result});
-                    if !send(&mut out, &answer) {
-                        return;
-                    }
-                    if method == "subscribe" {
-                        let mut out = out.try_clone().unwrap();
-                        std::thread::spawn(move || telemetry(&mut out));
-                    }
-                }
-            });
-        }
-    });
-    calls
-}
-
-/// Sends a line in one write: a value writes itself piece by piece, and two threads write to a
-/// client.
-fn send(out: &mut impl Write, line: &Value) -> bool {
-    out.write_all(format!("{line}\n").as_bytes()).is_ok()
-}
-
-/// Telemetry as an older service sends it: without some of the newer keys.
-fn telemetry(out: &mut impl Write) {
-    for n in 0.. {
-        let params = json!({
-            "t_s": f64::from(n) * 0.02, "tension_n": [1.5, null, null, null, null, null],
-            "setpoint_n": [null, null, null, null, null, null], "state": "running", "tip_m": null, "true_force_n": null,
-            "encoder_counts": [4000, null, -17, null, null, null], "adc_code": [123_456, null, null, null, null, null],
-        });
-        let line = json!({"jsonrpc": "2.0", "method": "telemetry", "params": params});
-        if !send(out, &line) {
-            return;
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
 
 /// The monitor on a pseudo-terminal of its own.
 struct OnTerminal {
@@ -261,4 +200,103 @@ fn counts_and_codes_are_printed() {
         json!([4000, null, -17, null, null, null])
     );
     assert_eq!(first["adc_code"][0], 123_456);
+}
+
+/// The force that a model tells stands beside that of the load cells, with how sure it is.
+#[cfg(feature = "estimate")]
+#[test]
+fn an_estimate_is_shown_while_the_robot_tells_its_state_and_an_alarm_once_it_does_not_fit() {
+    use common::logs::{day, joints, Joints};
+    use common::{expect, forcectl, words};
+    use std::io::{BufRead, BufReader};
+    use std::net::UdpSocket;
+
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    std::fs::create_dir(folder.join("run")).unwrap();
+    service(&folder.join("run"));
+    day(&folder.join("day"), 3.0, &[]);
+    let train = "estimate train day --model physics --test 3 --out m.model";
+    expect(folder, train, 0, &[]);
+    let to = UdpSocket::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap();
+    let robot = format!(
+        "[robot]\nkind = \"udp\"\nlisten = \"{to}\"\nname = \"arm\"\n[robot.watch]\nmax_age_s = 2.0\nmax_clock_step_s = 60.0\n"
+    );
+    std::fs::write(folder.join("robot.toml"), robot).unwrap();
+    let line = "monitor --link rig:fake --estimate m.model --robot robot.toml";
+    // The model is of another robot.
+    expect(folder, line, 2, &["`arm`", "--any-robot"]);
+    let line = format!("{line} --any-robot --json --duration 600");
+    let mut child = forcectl(folder, &words(&line)).spawn().unwrap();
+    let lines: Arc<Mutex<Vec<Value>>> = Arc::default();
+    let (out, into) = (child.stdout.take().unwrap(), Arc::clone(&lines));
+    std::thread::spawn(move || {
+        for line in BufReader::new(out).lines().map_while(Result::ok) {
+            let object = serde_json::from_str(&line).unwrap();
+            into.lock().unwrap().push(object);
+        }
+    });
+    let tensions = |line: &&Value| line["tension_n"].is_array();
+    let last = || lines.lock().unwrap().iter().rfind(tensions).cloned();
+    let until = Instant::now() + LIMIT;
+    while last().is_none() {
+        assert!(Instant::now() < until, "no line");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    // Before the first state.
+    assert!(last().unwrap()["estimate"].is_null());
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let mut sent = 0;
+    // States at 50 Hz by their stamps, with so much more torque at the elbow, until a line is so.
+    let mut states = |more: f64, done: &dyn Fn(&Value) -> bool| {
+        let until = Instant::now() + LIMIT;
+        while !lines.lock().unwrap().iter().any(done) {
+            assert!(Instant::now() < until, "{:?}", lines.lock().unwrap().last());
+            let t = f64::from(sent) * 0.02;
+            sent += 1;
+            let Joints {
+                position,
+                velocity,
+                mut effort,
+                ..
+            } = joints(t, 3, 3.0);
+            effort[1] += more;
+            let state = json!({"stamp_s": 1000.0 + t, "measured_js": {
+                "name": ["shoulder", "elbow", "insertion"],
+                "position": position, "velocity": velocity, "effort": effort,
+            }});
+            socket.send_to(state.to_string().as_bytes(), to).unwrap();
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    states(0.0, &|line| line["estimate"]["valid"] == true);
+    states(20.0, &|line| line["event"] == "misfit");
+    states(20.0, &|line| line["estimate"]["misfits"] == true);
+    let lines_of = |what: &dyn Fn(&Value) -> bool| -> Vec<Value> {
+        let lines = lines.lock().unwrap();
+        lines.iter().filter(|line| what(line)).cloned().collect()
+    };
+    let valid = lines_of(&|line| line["estimate"]["valid"] == true);
+    assert!(valid[0]["estimate"]["estimate_y_n"].is_f64());
+    assert!(valid[0]["estimate"]["half_width_n"].as_f64() > Some(0.0));
+    // What does not fit is not valid.
+    let misfit = lines_of(&|line| line["estimate"]["misfits"] == true);
+    assert_eq!(misfit[0]["estimate"]["valid"], false);
+    let alarm = &lines_of(&|line| line["event"] == "misfit")[0];
+    let text = alarm["text"].as_str().unwrap();
+    assert!(
+        text.contains("this model no longer fits this robot"),
+        "{text}"
+    );
+    // The robot falls silent, and the estimate with it.
+    let until = Instant::now() + LIMIT;
+    while !last().unwrap()["estimate"].is_null() {
+        assert!(Instant::now() < until, "the estimate stays");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
 }

@@ -1,11 +1,13 @@
 //! `forcectl estimate`: contact force from the state of a robot, without a force sensor.
 
 mod explain;
-mod live;
+pub mod live;
 mod report;
+pub mod robot;
 
 use super::exit::{self, Failure, Reply, Result};
 use super::output::path_json;
+use super::values::AXES;
 use super::Context;
 use clap::{Args, Subcommand};
 use estimate::card::{newtons, percent, ModelCard, Run};
@@ -17,7 +19,6 @@ use estimator::estimator::{Estimator, Keep, Kind, NetworkLimits, Training};
 use estimator::model::Progress;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
-use live::AXES;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -329,7 +330,10 @@ fn mapping(file: Option<&PathBuf>) -> Result<Mapping> {
 }
 
 /// Reads a model file.
-fn model(path: &Path) -> Result<Estimator> {
+///
+/// # Errors
+/// It can't be read, or is no model of this version.
+pub fn model(path: &Path) -> Result<Estimator> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| Failure::usage(format!("{}: {error}", path.display())))?;
     Estimator::from_json(&text)

@@ -3,6 +3,9 @@
 use rig::LinkChoice;
 use std::path::PathBuf;
 
+/// Names of the components of a force.
+pub const AXES: [&str; 3] = ["x", "y", "z"];
+
 /// A force component in newtons. The rig's limits are checked with the rig file.
 pub fn newton(text: &str) -> Result<f64, String> {
     let value: f64 = text

@@ -2,6 +2,11 @@
 // Each test takes a part of it.
 #![allow(dead_code)]
 
+#[cfg(unix)]
+pub mod fake;
+#[cfg(feature = "estimate")]
+pub mod logs;
+
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use tempfile::TempDir;

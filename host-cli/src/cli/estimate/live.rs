@@ -1,19 +1,16 @@
 //! `forcectl estimate run`: a force for each row, as the rows come.
 
+use super::robot::{Heard, Robot};
 use super::{model, read};
 use crate::cli::exit::{self, Failure, Reply, Result};
+use crate::cli::values::AXES;
 use crate::cli::Context;
 use clap::Args;
 use estimate::load;
-use estimate::pace::{Anew, Pace, Take};
 use estimator::data::Label;
 use estimator::estimator::Estimator;
-use estimator::motion::INPUTS;
 use estimator::stream::{self, Before, Stream, Sure};
 use experiment::table::Table;
-use nalgebra::Vector3;
-use robot::source::{self, Estimate, SourceConfig};
-use robot::state::{Acts, Frame, Meaning, RobotState, TipForce};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -58,8 +55,6 @@ pub struct Live {
     mapping: Option<PathBuf>,
 }
 
-pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
-
 /// The model on a stream, with what is printed and written of it.
 struct Run<'a> {
     stream: Stream<'a>,
@@ -74,8 +69,8 @@ struct Run<'a> {
     misfits: bool,
 }
 
-/// Told once.
-const MISFITS: &str = "this model no longer fits this robot: the motors' torques are not what it expects, whatever the force. Its estimates are wrong and invalid until it fits. Move all three joints back and forth for a minute with nothing at the tool, and give the log to `forcectl estimate recalibrate`; a force along an axis that had none in the training looks the same";
+/// Told when it begins.
+pub const MISFITS: &str = "this model no longer fits this robot: the motors' torques are not what it expects, whatever the force. Its estimates are wrong and invalid until it fits. Move all three joints back and forth for a minute with nothing at the tool, and give the log to `forcectl estimate recalibrate`; a force along an axis that had none in the training looks the same";
 
 impl<'a> Run<'a> {
     fn new(estimator: &'a Estimator, context: &'a Context, of: &Live) -> Self {
@@ -254,182 +249,28 @@ impl Live {
     }
 
     fn live(&self, context: &Context, estimator: &Estimator, file: &Path) -> Result<Reply> {
-        let config = robot_table(file)?;
-        if matches!(config, SourceConfig::Virtual(_)) {
-            return Err(Failure::usage("the virtual arm lives inside a run of `forcectl experiment run`; estimate from its dataset with --replay"));
-        }
-        self.check_name(estimator, config.robot(), file)?;
-        let mut source = source::open(&config).map_err(|error| Failure::new(exit::LINK, error))?;
+        let mut robot = Robot::open(estimator, file, self.any_robot)?;
         let mut run = Run::new(estimator, context, self);
         let began = Instant::now();
-        let mut pace = Pace::new(estimator.step_s);
-        let mut gap_noted = false;
-        let mut told = String::new();
         let _controlled_stop = context.interrupt.controlled_stop();
         while !context.interrupt.requested()
             && self
                 .duration
                 .is_none_or(|d| began.elapsed().as_secs_f64() < d)
         {
-            let now_ns = i64::try_from(began.elapsed().as_nanos()).unwrap_or(i64::MAX);
-            let poll = source
-                .poll(now_ns)
-                .map_err(|error| Failure::new(exit::LINK, error))?;
-            for text in poll.events.iter().map(ToString::to_string) {
-                // A robot in fault says so with every state.
-                if text != told {
-                    context.output.note(&text);
-                    told = text;
-                }
-            }
-            if poll.stop().is_some() && pace.goes_on() {
-                context
-                    .output
-                    .note("the stream of states broke off: the estimate begins anew");
-                run.reset();
-                pace.broke_off();
-            }
-            for state in &poll.states {
-                let t_ns = state.stamp.t_ns;
-                match pace.take(t_ns).map_err(Failure::usage)? {
-                    Take::Between => continue,
-                    Take::Next => {}
-                    Take::Anew(why) => {
-                        // A gap may come at every row: once is enough.
-                        let gap = matches!(why, Anew::Gap { .. });
-                        if !(gap && gap_noted) {
-                            context.output.note(&why.to_string());
-                        }
-                        gap_noted |= gap;
-                        match why {
-                            Anew::Gap { distance_ns } => run.gap(distance_ns as f64 * 1e-9),
-                            Anew::Back => run.reset(),
-                        }
+            for heard in robot.poll()? {
+                match heard {
+                    Heard::Note(text) => context.output.note(&text),
+                    Heard::Anew => run.reset(),
+                    Heard::Gap(elapsed_s) => run.gap(elapsed_s),
+                    Heard::Row(stamp, input) => {
+                        let sure = run.step(stamp.t_ns as f64 * 1e-9, &input, None);
+                        robot.publish(run.stream.force(), sure, stamp)?;
                     }
-                }
-                let input = match inputs(state, &estimator.absent) {
-                    Ok(input) => input,
-                    // Told with its flaw above; it may be there again in the next state.
-                    Err(_) if !poll.left_out.is_empty() => {
-                        run.reset();
-                        pace.broke_off();
-                        continue;
-                    }
-                    Err(why) => {
-                        let why = format!("{}: {why}", source.name());
-                        return Err(Failure::new(exit::LINK, why));
-                    }
-                };
-                let sure = run.step(t_ns as f64 * 1e-9, &input, None);
-                // CRTK has no word for a force that is not known: it is not published.
-                if sure.usable() {
-                    let estimate = Estimate {
-                        force: tip_force(estimator, run.stream.force()),
-                        half_n: sure.half_n.map(|half_n| half_widths(estimator, half_n)),
-                        stamp: state.stamp.clone(),
-                    };
-                    let published = source.publish_estimate(&estimate);
-                    published.map_err(|error| Failure::new(exit::LINK, error))?;
                 }
             }
             std::thread::sleep(LOOK);
         }
         run.done(self)
     }
-
-    /// Refuses a robot whose name is not that of the model's training.
-    fn check_name(&self, estimator: &Estimator, name: Option<&str>, file: &Path) -> Result<()> {
-        if self.any_robot {
-            return Ok(());
-        }
-        if estimator.robot == load::UNNAMED {
-            return Err(Failure::usage(
-                "nothing named the robot of this model's training, so nothing tells whether it is this one. Give `name` in [robot] of the experiment and train again, or take the model with --any-robot",
-            ));
-        }
-        match name {
-            Some(name) => Ok(load::check_robot(estimator, name, false)?),
-            None => Err(Failure::usage(format!(
-                "{}: [robot] has no `name`, and an address does not tell which robot publishes there. The model is of the robot `{}`: if this is it, write name = {:?}, else train a model of it. --any-robot takes the model as it is",
-                file.display(), estimator.robot, estimator.robot
-            ))),
-        }
-    }
-}
-
-/// `[robot]` of a TOML file.
-fn robot_table(file: &Path) -> Result<SourceConfig> {
-    let text = std::fs::read_to_string(file)
-        .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;
-    let mut table: toml::Table = toml::from_str(&text)
-        .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;
-    let robot = table
-        .remove("robot")
-        .ok_or_else(|| Failure::usage(format!("{}: there is no [robot] table", file.display())))?;
-    robot
-        .try_into()
-        .map_err(|error| Failure::usage(format!("{}: [robot] {error}", file.display())))
-}
-
-/// A state as the row of a model. Inputs without which the model was trained are 0; a robot need
-/// not publish them.
-fn inputs(
-    state: &RobotState,
-    absent: &[usize],
-) -> std::result::Result<[f32; INPUTS], &'static str> {
-    let joints = state
-        .joints
-        .as_ref()
-        .ok_or("the robot publishes no joints")?;
-    let groups = [
-        (Some(&joints.position), "the robot publishes no joints"),
-        (
-            joints.velocity.as_ref(),
-            "the robot publishes no joint velocities",
-        ),
-        (
-            joints.effort.as_ref().map(|effort| &effort.value),
-            "the robot publishes no joint efforts (on a Raven they are in /ravenstate alone)",
-        ),
-    ];
-    let mut row = [0.0; INPUTS];
-    for (n, (values, none)) in groups.into_iter().enumerate() {
-        for i in 0..3 {
-            if absent.contains(&(3 * n + i)) {
-                continue;
-            }
-            row[3 * n + i] = *values
-                .ok_or(none)?
-                .get(i)
-                .ok_or("the robot has fewer than three joints")?
-                as f32;
-        }
-    }
-    Ok(row)
-}
-
-/// The force as CRTK knows forces.
-fn tip_force(estimator: &Estimator, force: &[f32]) -> TipForce {
-    let mut vector = Vector3::zeros();
-    for (axis, value) in estimator.axes.iter().zip(force) {
-        vector[*axis] = f64::from(*value);
-    }
-    TipForce {
-        frame: Frame::Rig,
-        acts: Acts::OnTool,
-        meaning: Meaning::Estimated,
-        force_n: vector.into(),
-        torque_n_m: None,
-    }
-}
-
-/// Half widths of the components of a force, N. Of several components the interval is a ball.
-fn half_widths(estimator: &Estimator, half_n: f64) -> [f64; 3] {
-    core::array::from_fn(|axis| {
-        if estimator.axes.contains(&axis) {
-            half_n
-        } else {
-            0.0
-        }
-    })
 }

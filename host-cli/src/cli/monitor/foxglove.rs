@@ -8,6 +8,7 @@
 //! | `/tip` | `foxglove.PoseInFrame` | the tip, for the 3D view |
 //! | `/tf` | `foxglove.FrameTransform` | the tip's frame |
 //! | `/force` | `foxglove.SceneUpdate` | the force by measured tensions, an arrow at the tip |
+//! | `/estimate` | `force_rig.Estimate` | the force that a model tells (`--estimate`) |
 //! | `/log` | `foxglove.Log` | events |
 //!
 //! The server listens on the loopback unless it is told another address: who can reach it sees
@@ -167,6 +168,27 @@ fn topics() -> Vec<(&'static str, &'static str, Value)> {
             ),
         ),
         (
+            "/estimate",
+            "force_rig.Estimate",
+            object(
+                "force_rig.Estimate",
+                &[
+                    time(),
+                    ("valid", flag("whether the estimate can be used")),
+                    (
+                        "misfits",
+                        flag("whether the model no longer fits the robot"),
+                    ),
+                ],
+                &[
+                    ("estimate_x_n", number("force on the tool along x, N")),
+                    ("estimate_y_n", number("force on the tool along y, N")),
+                    ("estimate_z_n", number("force on the tool along z, N")),
+                    ("half_width_n", number("half width of the 90 % interval, N")),
+                ],
+            ),
+        ),
+        (
             "/log",
             "foxglove.Log",
             object(
@@ -226,6 +248,14 @@ fn messages(update: &Update, timestamp: Utc) -> Vec<(&'static str, Value)> {
             }
         }
         Update::Event(event) => add("/log", serde_json::to_value(log(event, timestamp))),
+        Update::Estimate(estimate) => {
+            // What is not known is left out: without states there is no message.
+            if let Value::Object(mut object) = estimate.json() {
+                object.retain(|_, value| !value.is_null());
+                object.insert("timestamp".to_owned(), json!(timestamp));
+                add("/estimate", Ok(Value::Object(object)));
+            }
+        }
     }
     found
 }
@@ -250,7 +280,7 @@ fn rig(now: &Telemetry, timestamp: Utc) -> Rig<'_> {
 fn log(event: &Event, timestamp: Utc) -> Log<'_> {
     let level = match event.kind.as_str() {
         "fault" | "link" | "reset" => 4,
-        "stop" => 3,
+        "stop" | "misfit" | "robot" => 3,
         _ => 2,
     };
     Log {
@@ -337,9 +367,10 @@ impl Drop for Publisher {
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::Estimated;
     use super::*;
 
-    fn updates() -> [Update; 3] {
+    fn updates() -> [Update; 5] {
         let known = Telemetry {
             t_s: 2.5,
             state: "running".to_owned(),
@@ -358,6 +389,13 @@ mod tests {
                 kind: "fault".to_owned(),
                 text: "unit 3".to_owned(),
                 ..Event::default()
+            }),
+            Update::Estimate(Estimated::Silent),
+            Update::Estimate(Estimated::Force {
+                force_n: [None, Some(2.5), None],
+                half_n: None,
+                valid: true,
+                misfits: false,
             }),
         ]
     }

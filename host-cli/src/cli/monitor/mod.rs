@@ -8,13 +8,18 @@
 //! | lines, JSON | `plain` |
 //! | the view as a picture | `picture` |
 //! | a live source for Foxglove | `foxglove` |
+//! | the force that a model tells | `estimate` |
 //!
 //! With `--json` each line is one object: `{"t_s": ..., "tension_n": [...], "state": ..., "zeroed":
 //! [...], "force_n": [...], "encoder_counts": [...], "adc_code":
-//! [...]}` for tensions (`null` for a unit without a sample), `{"t_s": ..., "event": ..., "text":
+//! [...]}` for tensions (`null` for a unit without a sample), with `--estimate` also `"estimate":
+//! {"estimate_y_n": ..., "half_width_n": ..., "valid": ..., "misfits": ...}` (`null` without
+//! states), `{"t_s": ..., "event": ..., "text":
 //! ...}` for what happens, with `fault` and `unit` for a fault (`null` for the whole board). An
 //! error is the last line: `{"error": ..., "exit_code": ...}`.
 
+#[cfg(feature = "estimate")]
+mod estimate;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 mod model;
@@ -31,6 +36,10 @@ use super::exit::{self, Failure, Reply, Result};
 use super::output::{stdout_is_terminal, Output};
 use super::{values, Context};
 use clap::Args;
+#[cfg(feature = "estimate")]
+use estimator::estimator::Estimator;
+#[cfg(feature = "estimate")]
+use model::Estimated;
 use model::Model;
 use plain::Plain;
 use rig::Rig;
@@ -73,8 +82,32 @@ pub struct Monitor {
     #[cfg(feature = "foxglove")]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = foxglove::DEFAULT_ADDRESS)]
     foxglove: Option<std::net::SocketAddr>,
+    #[cfg(feature = "estimate")]
+    #[command(flatten)]
+    estimate: EstimateArgs,
     #[command(flatten)]
     connection: Connection,
+}
+
+/// The force that a model tells.
+#[cfg(feature = "estimate")]
+#[derive(Debug, Args)]
+struct EstimateArgs {
+    /// Show the contact force that this model file of `estimate train` tells of the robot's state
+    /// as well, with its interval, and whether the model still fits the robot
+    #[arg(
+        long,
+        value_name = "MODEL",
+        requires = "robot",
+        conflicts_with = "counts"
+    )]
+    estimate: Option<PathBuf>,
+    /// File with the `[robot]` table that names the source of the robot's states
+    #[arg(long, value_name = "FILE", requires = "estimate")]
+    robot: Option<PathBuf>,
+    /// Use the model although it was trained on another robot
+    #[arg(long, requires = "estimate")]
+    any_robot: bool,
 }
 
 /// The end of a command that watches the board.
@@ -128,12 +161,20 @@ struct Watching<'a> {
     started: Instant,
     #[cfg(feature = "foxglove")]
     publisher: Option<foxglove::Publisher>,
+    #[cfg(feature = "estimate")]
+    estimating: Option<estimate::Estimating<'a>>,
 }
 
 impl Monitor {
     /// Runs the command. It ends early where its output is not read.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
+        #[cfg(feature = "estimate")]
+        let estimator = (self.estimate.estimate.as_deref())
+            .map(crate::cli::estimate::model)
+            .transpose()?;
+        #[cfg(feature = "estimate")]
+        let estimator = estimator.as_ref();
         #[cfg(unix)]
         if let Some(client) = self.connection.client(context) {
             let _controlled_stop = context.interrupt.controlled_stop();
@@ -143,7 +184,10 @@ impl Monitor {
                 welcome.name, welcome.link, welcome.pid
             );
             let mut source = source::ServiceSource::new(client)?;
-            let watching = Watching::new(context, title, &rig, self.duration, false);
+            #[cfg_attr(not(feature = "estimate"), allow(unused_mut))]
+            let mut watching = Watching::new(context, title, &rig, self.duration, false);
+            #[cfg(feature = "estimate")]
+            watching.follow(&self.estimate, estimator)?;
             return self.watch(watching, &mut source);
         }
         self.connection
@@ -154,7 +198,10 @@ impl Monitor {
                 let duration = self
                     .duration
                     .or((own && !self.full_screen(context)).then_some(EMBEDDED_DURATION_S));
-                let watching = Watching::new(context, title, rig, duration, own);
+                #[cfg_attr(not(feature = "estimate"), allow(unused_mut))]
+                let mut watching = Watching::new(context, title, rig, duration, own);
+                #[cfg(feature = "estimate")]
+                watching.follow(&self.estimate, estimator)?;
                 let mut source = SessionSource::new(session, rig)?;
                 self.watch(watching, &mut source)
             })
@@ -207,12 +254,35 @@ impl<'a> Watching<'a> {
             scale_n: scale_n.fold(1.0, f64::max),
             duration_s,
             own,
-            model: Model::default(),
+            model: Model::of(rig),
             start_s: None,
             started: Instant::now(),
             #[cfg(feature = "foxglove")]
             publisher: None,
+            #[cfg(feature = "estimate")]
+            estimating: None,
         }
+    }
+
+    /// Shows what a model tells of the robot as well.
+    #[cfg(feature = "estimate")]
+    fn follow(&mut self, of: &EstimateArgs, estimator: Option<&'a Estimator>) -> Result<()> {
+        if let (Some(estimator), Some(file)) = (estimator, &of.robot) {
+            let estimating = estimate::Estimating::open(estimator, file, of.any_robot)?;
+            self.estimating = Some(estimating);
+            self.model.estimate = Some(Estimated::Silent);
+        }
+        Ok(())
+    }
+
+    /// What a model tells, where one was asked for.
+    #[cfg_attr(not(feature = "estimate"), allow(clippy::unused_self))]
+    fn estimates(&mut self) -> Vec<Update> {
+        #[cfg(feature = "estimate")]
+        if let Some(estimating) = &mut self.estimating {
+            return estimating.next(self.model.now.t_s);
+        }
+        Vec::new()
     }
 
     fn view(&self, silence: Option<Duration>) -> View<'_> {
@@ -253,7 +323,7 @@ impl<'a> Watching<'a> {
     /// Lines until the end.
     fn as_lines(&mut self, source: &mut dyn Source, counts: bool) -> Result<()> {
         let output: &Output = &self.context.output;
-        let mut plain = Plain::new(output, counts);
+        let mut plain = Plain::new(output, counts, self.model.estimate.clone());
         while !self.over() && output.is_open() {
             match source.next()? {
                 Some(update) => {
@@ -265,6 +335,10 @@ impl<'a> Watching<'a> {
                     return Err(Failure::new(exit::LINK, text));
                 }
                 None => {}
+            }
+            for update in self.estimates() {
+                self.take(update.clone());
+                plain.show(&update, self.start_s.unwrap_or_default());
             }
         }
         Ok(())
@@ -278,6 +352,9 @@ impl<'a> Watching<'a> {
         let mut drawn: Option<Instant> = None;
         while !self.over() {
             if let Some(update) = source.next()? {
+                self.take(update);
+            }
+            for update in self.estimates() {
                 self.take(update);
             }
             match screen.key(self.ahead()).map_err(lost)? {

@@ -1,6 +1,11 @@
 //! What the monitor knows: the newest telemetry, a history for the curves, and a log.
 
 use super::source::{Event, Update};
+use crate::cli::values::AXES;
+use control::geometry::{applied_force, cable_direction};
+use nalgebra::Vector3;
+use rig::Rig;
+use serde_json::{json, Value};
 use session::telemetry::Telemetry;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -30,6 +35,69 @@ pub enum Reading {
     Tension(f64),
 }
 
+/// The force on the tool that a model tells of the robot's state.
+#[cfg_attr(not(feature = "estimate"), allow(dead_code))]
+#[derive(Debug, Clone, PartialEq)]
+pub enum Estimated {
+    /// No usable state of the robot came yet, or none for a second.
+    Silent,
+    /// A force.
+    Force {
+        /// Components that the model estimates, robot base frame, N.
+        force_n: [Option<f64>; 3],
+        /// Half width of the 90 % interval, N; `None`: the model has none.
+        half_n: Option<f64>,
+        /// Whether it can be used.
+        valid: bool,
+        /// The model no longer fits the robot.
+        misfits: bool,
+    },
+}
+
+impl Estimated {
+    /// In words. What is not valid is never a bare number.
+    pub fn text(&self) -> String {
+        let Self::Force {
+            force_n,
+            half_n,
+            valid,
+            misfits,
+        } = self
+        else {
+            return "no states of the robot".to_owned();
+        };
+        let cells = AXES.iter().zip(force_n);
+        let cells = cells.filter_map(|(axis, n)| n.map(|n| format!("{axis}{n:>8.3}")));
+        let force = cells.collect::<Vec<_>>().join("  ");
+        match (misfits, valid, half_n) {
+            (true, ..) => format!("INVALID: the model no longer fits this robot ({force})"),
+            (_, false, _) => format!("invalid: the friction's state is not known ({force})"),
+            (_, _, Some(half_n)) => format!("{force}  +- {half_n:.3} (90 %)"),
+            (_, _, None) => force,
+        }
+    }
+
+    /// With the names of `estimate run --json`; `null` without a state.
+    pub fn json(&self) -> Value {
+        let Self::Force {
+            force_n,
+            half_n,
+            valid,
+            misfits,
+        } = self
+        else {
+            return Value::Null;
+        };
+        let mut object = json!({"half_width_n": half_n, "valid": valid, "misfits": misfits});
+        for (axis, force_n) in AXES.iter().zip(force_n) {
+            if let Some(force_n) = force_n {
+                object[format!("estimate_{axis}_n")] = json!(force_n);
+            }
+        }
+        object
+    }
+}
+
 /// The state of what is watched.
 #[derive(Debug, Default)]
 pub struct Model {
@@ -42,16 +110,29 @@ pub struct Model {
     pub history: VecDeque<[Option<f64>; UNITS]>,
     /// Events, oldest first.
     pub log: VecDeque<Event>,
+    /// What a model tells of the force; `None`: no model was asked for.
+    pub estimate: Option<Estimated>,
+    /// Where the cables leave the reels, robot base frame, m.
+    pub exits_m: Option<[Vector3<f64>; UNITS]>,
     history_due_s: f64,
     latencies: VecDeque<(f64, u16)>,
 }
 
 impl Model {
+    /// Nothing is known yet of this rig but where its cables leave the reels.
+    pub fn of(rig: &Rig) -> Self {
+        Self {
+            exits_m: Some(rig.units.map(|unit| unit.exit_m)),
+            ..Self::default()
+        }
+    }
+
     /// Takes an update.
     pub fn take(&mut self, update: Update) {
         match update {
             Update::Event(event) => self.note(event),
             Update::Telemetry(telemetry) => self.telemetry(*telemetry),
+            Update::Estimate(estimate) => self.estimate = Some(estimate),
         }
     }
 
@@ -89,6 +170,24 @@ impl Model {
         if self.log.len() > LOG {
             self.log.pop_front();
         }
+    }
+
+    /// Force at the tip by the setpoints in force, robot base frame, N; `None` where not all units
+    /// that are there run, or the tip is not known.
+    pub fn commanded_n(&self) -> Option<[f64; 3]> {
+        let (exits_m, tip_m) = (self.exits_m?, self.now.tip_m?);
+        let (mut directions, mut setpoints) = (Vec::new(), Vec::new());
+        for (i, exit_m) in exits_m.iter().enumerate() {
+            match self.now.unit_state[i].as_deref() {
+                Some("offline") => {}
+                Some("running" | "stopping") => {
+                    directions.push(cable_direction(*exit_m, tip_m.into())?);
+                    setpoints.push(self.now.setpoint_n[i]?);
+                }
+                _ => return None,
+            }
+        }
+        (!setpoints.is_empty()).then(|| applied_force(&directions, &setpoints).into())
     }
 
     /// Longest latency of the last second, us.

@@ -1,6 +1,6 @@
 //! The monitor as lines: a table for people, or one JSON object per line.
 
-use super::model::{reading, Reading};
+use super::model::{reading, Estimated, Reading};
 use super::source::{Event, Update};
 use crate::cli::output::Output;
 use serde_json::json;
@@ -22,11 +22,13 @@ pub struct Plain<'o> {
     due_s: Option<f64>,
     /// State in the last line.
     last_state: String,
+    /// What a model tells of the force, where one was asked for.
+    estimate: Option<Estimated>,
 }
 
 impl<'o> Plain<'o> {
-    /// Prints the head of the table.
-    pub fn new(output: &'o Output, counts: bool) -> Self {
+    /// Prints the head of the table. `estimate`: what a model tells of the force.
+    pub fn new(output: &'o Output, counts: bool, estimate: Option<Estimated>) -> Self {
         if !output.json() {
             output.line(&head(if counts { "counts" } else { "N" }));
         }
@@ -35,6 +37,7 @@ impl<'o> Plain<'o> {
             counts,
             due_s: None,
             last_state: String::new(),
+            estimate,
         }
     }
 
@@ -43,6 +46,7 @@ impl<'o> Plain<'o> {
         match update {
             Update::Event(event) => self.event(event, event.t_s - start_s),
             Update::Telemetry(now) => self.telemetry(now, start_s),
+            Update::Estimate(estimate) => self.estimate = Some(estimate.clone()),
         }
     }
 
@@ -64,7 +68,7 @@ impl<'o> Plain<'o> {
         self.last_state.clone_from(&now.state);
         let t_s = ((now.t_s - start_s) * 1e6).round() / 1e6;
         self.output.line(&if self.output.json() {
-            json!({
+            let mut object = json!({
                 "t_s": t_s,
                 "tension_n": now.tension_n,
                 "state": now.state,
@@ -72,12 +76,16 @@ impl<'o> Plain<'o> {
                 "force_n": now.force_n,
                 "encoder_counts": now.encoder_counts,
                 "adc_code": now.adc_code,
-            })
-            .to_string()
+            });
+            if let Some(estimate) = &self.estimate {
+                object["estimate"] = estimate.json();
+            }
+            object.to_string()
         } else if self.counts {
             counts_line(now, t_s)
         } else {
-            line(now, t_s)
+            let estimate = self.estimate.as_ref().map(Estimated::text);
+            line(now, t_s) + &estimate.map_or_else(String::new, |text| format!("  {text}"))
         });
     }
 

@@ -1,6 +1,7 @@
 //! Where the monitor's data come from: the service of a rig, or a session of the command's own.
 //! Both give the same.
 
+use super::model::Estimated;
 use crate::cli::exit::Result;
 use rig::Rig;
 #[cfg(unix)]
@@ -29,6 +30,9 @@ pub enum Update {
     Telemetry(Box<Telemetry>),
     /// Something happened.
     Event(Event),
+    /// What a model tells of the force.
+    #[cfg_attr(not(feature = "estimate"), allow(dead_code))]
+    Estimate(Estimated),
 }
 
 /// Something that happened: a fault, another commander, a link that is lost.
@@ -36,7 +40,8 @@ pub enum Update {
 pub struct Event {
     /// Time of the link, s.
     pub t_s: f64,
-    /// `fault`, `commander`, `stop`, `link`, `reset` or `job` (docs/service.md).
+    /// `fault`, `commander`, `stop`, `link`, `reset` or `job` (docs/service.md); with an estimate
+    /// `misfit` and `robot`.
     pub kind: String,
     /// What happened.
     pub text: String,

@@ -1,10 +1,11 @@
 //! The view in memory, and the lines.
 
-use super::model::{reading, Model, Reading};
+use super::model::{reading, Estimated, Model, Reading};
 use super::picture;
 use super::plain::line;
 use super::source::{Event, Update};
 use super::view::View;
+use nalgebra::Vector3;
 use ratatui::backend::TestBackend;
 use ratatui::Terminal;
 use session::telemetry::{Drops, Latched, Telemetry};
@@ -137,6 +138,80 @@ fn a_bar_is_as_long_as_the_tension_and_marks_the_setpoint() {
     let text = seen(now, (80, 24));
     let row = text.lines().find(|row| row.contains("1 running")).unwrap();
     assert!(row.contains(" █████████····|··· "), "{row}");
+}
+
+/// A force along y of 2.5 N.
+fn estimate(valid: bool, misfits: bool) -> Estimated {
+    Estimated::Force {
+        force_n: [None, Some(2.5), None],
+        half_n: Some(0.25),
+        valid,
+        misfits,
+    }
+}
+
+#[test]
+fn an_estimate_stands_below_the_load_cells_force_and_is_bare_only_where_it_is_valid() {
+    let number = "y   2.500";
+    for (estimate, words) in [
+        (estimate(true, false), "estimated y   2.500  +- 0.250"),
+        (estimate(false, false), "estimated invalid: the friction"),
+        (
+            estimate(false, true),
+            "estimated INVALID: the model no longer fits this robot",
+        ),
+        (Estimated::Silent, "estimated no states of the robot"),
+    ] {
+        let mut model = model(running());
+        model.take(Update::Estimate(estimate.clone()));
+        for size in [(110, 30), (80, 24), (60, 15)] {
+            let text = drawn(&model, None, size);
+            has(&text, &["measured  x   0.003", words, " q  end the view"]);
+            let bare = text.contains(&format!("estimated {number}"));
+            assert_eq!(bare, words.contains("+-"), "{text}");
+        }
+        let json = estimate.json();
+        match estimate {
+            Estimated::Silent => assert!(json.is_null()),
+            Estimated::Force { valid, misfits, .. } => assert_eq!(
+                json,
+                serde_json::json!({"estimate_y_n": 2.5, "half_width_n": 0.25, "valid": valid, "misfits": misfits})
+            ),
+        }
+    }
+    // None was asked for.
+    assert!(!seen(running(), (80, 24)).contains("estimated"));
+}
+
+#[test]
+fn the_commanded_force_is_that_of_the_setpoints_while_the_units_run() {
+    // Unit 1 pulls along x, the others have their reels at the tip's other side along y and z.
+    let tip = Vector3::from([-0.08, 0.025, -0.14]);
+    let far = [
+        [1.0, 0.0, 0.0],
+        [-1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, -1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [0.0, 0.0, -1.0],
+    ];
+    let mut model = model(running());
+    assert_eq!(model.commanded_n(), None);
+    model.exits_m = Some(far.map(|way| tip + Vector3::from(way)));
+    let force = model.commanded_n().unwrap();
+    // Differences of the setpoints of opposite cables.
+    for (got, wanted) in force.into_iter().zip([-0.358, 2.9, 0.461]) {
+        assert!((got - wanted).abs() < 1e-9, "{force:?}");
+    }
+    has(
+        &drawn(&model, None, (80, 24)),
+        &["commanded x  -0.358  y   2.900  z   0.461"],
+    );
+    model.now.unit_state[5] = Some("offline".to_owned());
+    let z = model.commanded_n().unwrap()[2];
+    assert!((z - 2.469).abs() < 1e-9, "{z}");
+    model.now.unit_state[5] = Some("faulted".to_owned());
+    assert_eq!(model.commanded_n(), None);
 }
 
 #[test]

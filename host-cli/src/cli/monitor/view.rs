@@ -4,7 +4,7 @@
 //! rig, link                                     time
 //! state, E-stop, setpoints, who commands, clients
 //! tensions: number, setpoint, bar, curve                six lines
-//! force at the tip: measured, true; tip
+//! force at the tip: commanded, measured, true, estimated; tip
 //! latency, what was lost
 //! latched faults, then events                           the rest
 //! keys
@@ -12,7 +12,7 @@
 //!
 //! Whatever is said in colour is said in words as well.
 
-use super::model::{Model, Reading, HISTORY_S};
+use super::model::{Estimated, Model, Reading, HISTORY_S};
 use control::Fault;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
@@ -58,16 +58,13 @@ impl View<'_> {
         let area = frame.area();
         let tall = area.height > TALL;
         let titled = |rows: u16| Constraint::Length(rows + u16::from(tall));
-        let force = if self.now().true_force_n.is_some() {
-            2
-        } else {
-            1
-        };
+        let forces = self.forces();
+        let rows = u16::try_from(forces.lines.len()).unwrap_or(u16::MAX);
         let [title, state, tensions, tip, link, log, keys] = Layout::vertical([
             Constraint::Length(1),
             Constraint::Length(2),
             titled(UNITS as u16),
-            titled(force),
+            titled(rows),
             titled(1),
             Constraint::Min(0),
             Constraint::Length(1),
@@ -79,7 +76,7 @@ impl View<'_> {
         let inner = under(frame, &heading, tensions, tall);
         self.tensions(frame, inner);
         let inner = under(frame, &self.tip(), tip, tall);
-        frame.render_widget(Paragraph::new(self.force()), inner);
+        frame.render_widget(Paragraph::new(forces), inner);
         let inner = under(frame, LOSSES_TITLE, link, tall);
         frame.render_widget(Paragraph::new(self.losses()), inner);
         let inner = under(frame, "Faults and events", log, tall);
@@ -310,7 +307,7 @@ impl View<'_> {
         format!("Force of the cables at the tip{tip}, N")
     }
 
-    fn force(&self) -> Text<'static> {
+    fn forces(&self) -> Text<'static> {
         let now = self.now();
         let cells = |force: [f64; 3]| {
             let length = force.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -327,9 +324,22 @@ impl View<'_> {
                 warning(),
             ),
         };
-        let mut lines = vec![measured];
+        let commanded = self.model.commanded_n();
+        let commanded = commanded.map(|force| Line::from(format!("commanded {}", cells(force))));
+        let mut lines: Vec<Line<'_>> = commanded.into_iter().chain([measured]).collect();
         if let Some(force) = now.true_force_n {
             lines.push(Line::from(format!("true      {}", cells(force))));
+        }
+        if let Some(estimate) = &self.model.estimate {
+            let style = match estimate {
+                Estimated::Force { misfits: true, .. } => alarm(),
+                Estimated::Force { valid: true, .. } => Style::new(),
+                Estimated::Force { .. } | Estimated::Silent => warning(),
+            };
+            lines.push(Line::styled(
+                format!("estimated {}", estimate.text()),
+                style,
+            ));
         }
         Text::from(lines)
     }
@@ -389,8 +399,8 @@ impl View<'_> {
             .skip(skip)
             .map(|event| {
                 let style = match event.kind.as_str() {
-                    "fault" | "stop" => Style::new().fg(Color::Red),
-                    "link" | "reset" => warning(),
+                    "fault" | "stop" | "misfit" => Style::new().fg(Color::Red),
+                    "link" | "reset" | "robot" => warning(),
                     _ => Style::new(),
                 };
                 Line::styled(format!("{:>8.1} s  {}", event.t_s, event.text), style)

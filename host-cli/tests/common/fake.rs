@@ -1,0 +1,68 @@
+//! A service made of canned lines.
+
+use rig::{DEFAULT_NAME, DEFAULT_TEXT};
+use serde_json::{json, Value};
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixListener;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// A service with one client. It remembers what was called.
+pub fn service(folder: &std::path::Path) -> Arc<Mutex<Vec<String>>> {
+    let listener = UnixListener::bind(folder.join("fake.sock")).unwrap();
+    let calls: Arc<Mutex<Vec<String>>> = Arc::default();
+    let log = Arc::clone(&calls);
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let Ok(stream) = stream else { return };
+            let log = Arc::clone(&log);
+            std::thread::spawn(move || {
+                let mut out = stream.try_clone().unwrap();
+                for line in BufReader::new(stream).lines().map_while(Result::ok) {
+                    let request: Value = serde_json::from_str(&line).unwrap();
+                    let method = request["method"].as_str().unwrap().to_owned();
+                    log.lock().unwrap().push(method.clone());
+                    let result = if method == "hello" {
+                        json!({
+                            "version": 1, "name": "fake", "link": "a fake link", "pid": 7, "seed": null, "board": null,
+                            "rig_file": DEFAULT_NAME, "rig_text": DEFAULT_TEXT, "now_ns": 0, "terminal": null,
+                        })
+                    } else {
+                        json!({})
+                    };
+                    let answer = json!({"jsonrpc": "2.0", "id": request["id"], "result": result});
+                    if !send(&mut out, &answer) {
+                        return;
+                    }
+                    if method == "subscribe" {
+                        let mut out = out.try_clone().unwrap();
+                        std::thread::spawn(move || telemetry(&mut out));
+                    }
+                }
+            });
+        }
+    });
+    calls
+}
+
+/// Sends a line in one write: a value writes itself piece by piece, and two threads write to a
+/// client.
+fn send(out: &mut impl Write, line: &Value) -> bool {
+    out.write_all(format!("{line}\n").as_bytes()).is_ok()
+}
+
+/// Telemetry as an older service sends it: without some of the newer keys.
+fn telemetry(out: &mut impl Write) {
+    for n in 0.. {
+        let params = json!({
+            "t_s": f64::from(n) * 0.02, "tension_n": [1.5, null, null, null, null, null],
+            "setpoint_n": [null, null, null, null, null, null], "state": "running", "tip_m": null, "true_force_n": null,
+            "encoder_counts": [4000, null, -17, null, null, null], "adc_code": [123_456, null, null, null, null, null],
+        });
+        let line = json!({"jsonrpc": "2.0", "method": "telemetry", "params": params});
+        if !send(out, &line) {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
