@@ -49,7 +49,7 @@ pub struct Interval {
     #[serde(default)]
     start: Option<AfterStart>,
     /// See [`Interval::fits`]. Its name in the file is that of these ways to tell a misfit.
-    #[serde(default, rename = "fits_within")]
+    #[serde(default, rename = "fits_up_to")]
     fits_to: Option<[f64; TIMES]>,
 }
 

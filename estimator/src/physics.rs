@@ -453,6 +453,13 @@ impl Physics {
         ))
     }
 
+    fn misfit(&self) -> Misfit {
+        let force = Matrix3::from_fn(|i, j| self.prior[i][j]).try_inverse();
+        let force = force.unwrap_or_else(Matrix3::identity);
+        let noise = core::array::from_fn(|i| self.noise[i].deviation());
+        Misfit::new(self.coulomb, &force, self.rate_per_s, noise, self.step_s)
+    }
+
     /// An observer.
     #[must_use]
     pub fn observer(&self) -> Observer<'_> {
@@ -465,7 +472,7 @@ impl Physics {
             evidence: Vector3::zeros(),
             row: Vec::with_capacity(REGRESSORS),
             seen: Seen::default(),
-            misfit: Misfit::default(),
+            misfit: self.misfit(),
             wander: self.wander().map(Box::new),
         }
     }
@@ -609,7 +616,9 @@ impl Observer<'_> {
         let prior = Matrix3::from_fn(|i, j| self.model.prior[i][j]);
         if moment.friction_known() {
             let elapsed_s = self.steps * self.model.step_s;
-            self.seen.misfit = (self.misfit).step(&contacts, &unsure, &levers, &prior, elapsed_s);
+            let friction = Vector3::from_fn(|i, _| self.seen.effects[i][FRICTION_OF]);
+            self.seen.misfit =
+                (self.misfit).step(&contacts, &unsure, &levers, &prior, &friction, elapsed_s);
         }
         let keep = if self.steps == 1.0 {
             self.keep
@@ -641,7 +650,7 @@ impl Observer<'_> {
         self.steps = 1.0;
         self.information = Matrix3::zeros();
         self.evidence = Vector3::zeros();
-        self.misfit = Misfit::default();
+        self.misfit.forget();
         if let Some(wander) = &mut self.wander {
             wander.forget();
         }

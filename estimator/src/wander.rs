@@ -12,7 +12,7 @@
 //! of the force, and by the force's size and rate in training. Where that is little, its covariance
 //! says how little: on such processes no estimator that has the same balances does better.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, RowSVector, SMatrix, SVector, Vector3};
 
 /// Force, its rate, torque, its rate; three of each.
 const STATES: usize = 12;
@@ -34,14 +34,14 @@ const WIDER: f64 = 1.5;
 type State = SVector<f64, STATES>;
 type Covariance = SMatrix<f64, STATES, STATES>;
 
-/// Processes of force and torque.
+/// Processes of force and torque. `COLUMNS`: series of balances that are filtered alike.
 #[derive(Debug, Clone)]
-pub struct Wander {
+pub struct Wander<const COLUMNS: usize = 1> {
     at_rest: Covariance,
     rates_per_s: [f64; 2],
     /// Transition of one step and the noise that it adds.
     one: (f64, Covariance, Covariance),
-    state: State,
+    state: SMatrix<f64, STATES, COLUMNS>,
     covariance: Covariance,
 }
 
@@ -61,7 +61,7 @@ fn transition(rates_per_s: [f64; 2], step_s: f64) -> Covariance {
     a
 }
 
-impl Wander {
+impl<const COLUMNS: usize> Wander<COLUMNS> {
     /// `force`: second moments of the force, N²; `rate_per_s`: its rate per its size, 1/s; `sizes`:
     /// standard deviations of the torques that come and go; `noise`: those of the balances.
     #[must_use]
@@ -91,19 +91,20 @@ impl Wander {
             at_rest,
             rates_per_s,
             one: (step_s, a, at_rest - a * at_rest * a.transpose()),
-            state: State::zeros(),
+            state: SMatrix::zeros(),
             covariance: at_rest,
         }
     }
 
-    /// Takes what the balances lack, its variances and levers.
+    /// Takes what the balances lack, its variances and levers; gives what of each balance the
+    /// processes did not expect, and the variance of that.
     pub fn step(
         &mut self,
-        lacking: &Vector3<f64>,
+        lacking: &SMatrix<f64, 3, COLUMNS>,
         variance: &Vector3<f64>,
         levers: &Matrix3<f64>,
         elapsed_s: f64,
-    ) {
+    ) -> [(RowSVector<f64, COLUMNS>, f64); 3] {
         let (a, more) = if elapsed_s == self.one.0 {
             (self.one.1, self.one.2)
         } else {
@@ -113,20 +114,32 @@ impl Wander {
         self.state = a * self.state;
         self.covariance = a * self.covariance * a.transpose() + more;
         let times = (ALIKE_S / elapsed_s).max(1.0);
-        for i in 0..3 {
+        let new = core::array::from_fn(|i| {
             let mut row = State::zeros();
             for k in 0..3 {
                 row[k] = levers[(i, k)];
             }
             row[TORQUE + i] = 1.0;
             let with = self.covariance * row;
-            let gain = with / (row.dot(&with) + variance[i] * times);
-            self.state += gain * (lacking[i] - row.dot(&self.state));
+            let variance = row.dot(&with) + variance[i] * times;
+            let gain = with / variance;
+            let new = lacking.row(i) - row.transpose() * self.state;
+            self.state += gain * new;
             self.covariance -= gain * with.transpose();
-        }
+            (new, variance)
+        });
         self.covariance = (self.covariance + self.covariance.transpose()) * 0.5;
+        new
     }
 
+    /// Forgets the past.
+    pub fn forget(&mut self) {
+        self.state = SMatrix::zeros();
+        self.covariance = self.at_rest;
+    }
+}
+
+impl Wander {
     /// Torques now, and the covariance of their errors.
     #[must_use]
     pub fn torques(&self) -> (Vector3<f64>, Matrix3<f64>) {
@@ -146,12 +159,6 @@ impl Wander {
             self.state.fixed_rows::<3>(0).into_owned(),
             self.covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         )
-    }
-
-    /// Forgets the past.
-    pub fn forget(&mut self) {
-        self.state = State::zeros();
-        self.covariance = self.at_rest;
     }
 }
 

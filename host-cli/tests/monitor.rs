@@ -226,10 +226,10 @@ fn an_estimate_is_shown_while_the_robot_tells_its_state_and_an_alarm_once_it_doe
         "[robot]\nkind = \"udp\"\nlisten = \"{to}\"\nname = \"arm\"\n[robot.watch]\nmax_age_s = 2.0\nmax_clock_step_s = 60.0\n"
     );
     std::fs::write(folder.join("robot.toml"), robot).unwrap();
-    let line = "monitor --link rig:fake --estimate m.model --robot robot.toml";
+    let line = "monitor --link rig:fake --estimate m.model --robot robot.toml --duration";
     // The model is of another robot.
-    expect(folder, line, 2, &["`arm`", "--any-robot"]);
-    let line = format!("{line} --any-robot --json --duration 600");
+    expect(folder, &format!("{line} 1"), 2, &["`arm`", "--any-robot"]);
+    let line = format!("{line} 600 --any-robot --json");
     let mut child = forcectl(folder, &words(&line)).spawn().unwrap();
     let lines: Arc<Mutex<Vec<Value>>> = Arc::default();
     let (out, into) = (child.stdout.take().unwrap(), Arc::clone(&lines));

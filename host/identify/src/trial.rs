@@ -147,8 +147,8 @@ const SWING_MN: u32 = 20_000;
 
 /// How far below zero a load cell may read in such a swing, mN. A cable that is thrown slack lets
 /// its cell ring, and a drive that is 9 ms late does so again and again: 1.4 and 1.6 N behind
-/// impacts of 12 N (seed 25 of `cargo xtask closed-loop`). A cell whose wires are exchanged reads so
-/// in the next session as well, and ends it.
+/// impacts of 12 N (seed 25 of `cargo xtask closed-loop`). A cell whose wires are exchanged reads
+/// so in the next session as well, and ends it.
 const SWING_NEGATIVE_MN: u32 = 4_000;
 
 /// Whether a unit's fault is that of a loop that swings.
@@ -191,8 +191,8 @@ pub fn is_implausible(error: &RunError) -> bool {
 }
 
 /// Fault and units in words, where all faults of a session are fault 45 or 44 of units, or
-/// over-tension of the same swing. A fault 15 behind it is [`clear_faults`]' to judge, and so is how
-/// far a tension went.
+/// over-tension of the same swing. A fault 15 behind it is [`clear_faults`]' to judge, and so is
+/// how far a tension went.
 fn swing(faults: &[RunFault]) -> Option<String> {
     use control::Fault as F;
     let leading = [F::Implausible, F::TensionNegative]
