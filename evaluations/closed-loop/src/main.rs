@@ -42,13 +42,12 @@ fn effects(options: &Options) -> Result<ExitCode, String> {
         let truth = truth(seed, options.size, options.effects);
         let findings = run(options, seed, &truth);
         failed |= matches!(findings, Err(NoFindings::Failed(_)));
-        let stopped = matches!(findings, Err(NoFindings::Stopped));
         let (text, gained) = row(seed, &truth, &findings);
         print!("{text}");
         rows.push_str(&text);
-        let cost = findings.ok().as_ref().and_then(cost);
+        let cost = findings.as_ref().ok().and_then(cost);
         for kind in truth.kinds() {
-            kinds.add(kind, gained, cost, stopped);
+            kinds.add(kind, gained, cost, findings.as_ref().err());
         }
     }
     println!(

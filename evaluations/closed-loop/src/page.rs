@@ -44,7 +44,17 @@ pub fn page(options: &Options, rows: &str, kinds: &Kinds) -> String {
         left,
         harmless,
         stopped,
+        failed,
     } = kinds;
+    let failed = match failed.as_slice() {
+        [] => String::new(),
+        kinds => format!(
+            "
+Kinds with which the command ended without a result, in a row at least: {}. Nothing was corrected there.
+",
+            names(kinds)
+        ),
+    };
     let stopped = match stopped.as_slice() {
         [] => String::new(),
         kinds => format!(
@@ -123,7 +133,7 @@ Kinds that had cost the worst cable a tenth or more against *without it*, of who
 Kinds whose cost is still there in a seed at least: {}.
 
 Kinds that cost less than a tenth, or nothing: {}.
-{stopped}
+{stopped}{failed}
 {notes}",
         better.len(),
         names(better),
@@ -168,6 +178,7 @@ mod tests {
         let kinds = Kinds {
             better: vec![Kind::Ripple, Kind::LoadFriction],
             left: vec![Kind::Creep],
+            failed: vec![Kind::Viscous],
             ..Kinds::default()
         };
         let page = page(&options, "| row |\n", &kinds);
@@ -182,6 +193,10 @@ mod tests {
             "{page}"
         );
         assert!(page.contains("or nothing: none."), "{page}");
+        assert!(
+            page.contains("without a result, in a row at least: viscous friction."),
+            "{page}"
+        );
         assert!(
             page.contains("* *Creep*") && !page.contains("* *Backlash*"),
             "{page}"

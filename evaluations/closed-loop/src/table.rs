@@ -159,17 +159,20 @@ pub struct Kinds {
     pub harmless: Vec<Kind>,
     /// The board gave up units.
     pub stopped: Vec<Kind>,
+    /// The command ended without a result.
+    pub failed: Vec<Kind>,
 }
 
 impl Kinds {
     /// Adds a seed's result.
-    pub fn add(&mut self, kind: Kind, gained: bool, cost: Option<Cost>, stopped: bool) {
+    pub fn add(&mut self, kind: Kind, gained: bool, cost: Option<Cost>, end: Option<&NoFindings>) {
         let lists = [
             (&mut self.better, gained),
             (&mut self.back, gained && cost == Some(Cost::WonBack)),
             (&mut self.left, cost == Some(Cost::Left)),
             (&mut self.harmless, cost == Some(Cost::None)),
-            (&mut self.stopped, stopped),
+            (&mut self.stopped, matches!(end, Some(NoFindings::Stopped))),
+            (&mut self.failed, matches!(end, Some(NoFindings::Failed(_)))),
         ];
         for (list, belongs) in lists {
             if belongs && !list.contains(&kind) {

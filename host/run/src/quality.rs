@@ -470,7 +470,7 @@ mod tests {
         let swing = |hz: f64| move |t: f64| 0.6 * (std::f64::consts::TAU * hz * t).sin();
         let text = told(&swing(2.0));
         assert!(text.contains("swings 2.0 times a second"), "{text}");
-        // Reversals of a robot that goes to and fro, and errors that come at any time.
+        // Reversals of a robot that moves slowly back and forth, and errors without a period.
         for error_n in [&swing(0.5) as &dyn Fn(f64) -> f64, &|t: f64| {
             0.6 * (4.0 * t * t).sin()
         }] {
