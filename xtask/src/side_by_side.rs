@@ -310,7 +310,10 @@ mod tests {
             .iter()
             .enumerate()
         {
-            let note = note(&["/bin/sh", "-c", code]);
+            let note = Note {
+                folder: folder.path().into(),
+                ..note(&["/bin/sh", "-c", code])
+            };
             fs::write(folder.path().join(format!("{place:05}")), note.to_text()).unwrap();
         }
         let mut printed: Vec<u8> = Vec::new();
