@@ -11,7 +11,7 @@
 //! conversion is a straight line.
 
 use crate::units::{rounded, AdcCode, Newton};
-use wire::message::CellCorrection;
+use wire::message::{CellCorrection, UnitConfig};
 
 /// Fraction bits of [`CellConfig::scale`].
 const SCALE_SHIFT: u32 = 30;
@@ -114,5 +114,50 @@ impl Creep {
         let counts = steps.checked_div(cell.scale).unwrap_or(0);
         let counts = counts.clamp(i64::from(AdcCode::MIN.get()), i64::from(AdcCode::MAX.get()));
         AdcCode::new(mean.get().saturating_sub(counts as i32))
+    }
+}
+
+/// The same in `f64`, for programs that start from the codes of a recording or a stream: what the
+/// board has before its spike gate and filters, without their delay.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellForce {
+    newton_per_count: f64,
+    zero: f64,
+    correction: CellCorrection,
+    crept_n: f64,
+    last_us: Option<u64>,
+}
+
+impl CellForce {
+    /// With zero, scale and correction of a configuration in force.
+    #[must_use]
+    pub fn new(config: &UnitConfig) -> Self {
+        Self {
+            newton_per_count: f64::from(config.scale_pn_per_count) * 1e-12,
+            zero: f64::from(config.zero_code),
+            correction: config.cell,
+            crept_n: 0.0,
+            last_us: None,
+        }
+    }
+
+    /// Force along the cell's axis at a conversion, N. The creep starts as that of a cell that has
+    /// long had the first load; a time before the last one lets no time pass.
+    pub fn at(&mut self, code: i32, at_us: u64) -> f64 {
+        let straight_n = (f64::from(code) - self.zero) * self.newton_per_count;
+        let range_n = CURVE_RANGE.to_f64();
+        let bent_n = straight_n.clamp(-range_n, range_n);
+        let reading_n =
+            straight_n + f64::from(self.correction.curve_nn_per_n2) * 1e-9 * bent_n * bent_n;
+        let share = f64::from(self.correction.creep_q16) / 65_536.0;
+        let end_n = share * reading_n / (1.0 + share);
+        let left = self.last_us.map_or(0.0, |last| {
+            let times = at_us.saturating_sub(last) as f64
+                / (1e3 * f64::from(self.correction.creep_ms.max(1)));
+            libm::exp(-(1.0 + share) * times)
+        });
+        self.crept_n = end_n + (self.crept_n - end_n) * left;
+        self.last_us = Some(at_us);
+        reading_n - self.crept_n
     }
 }

@@ -223,7 +223,7 @@ faults! {
     /// The command stands at its limit.
     CommandAtLimit = 46, Unit, "command at its limit",
         meaning: "The unit's command stood at its upper limit, or at zero with too much tension, and the tension did not reach the setpoint: the load cell reads wrong, the amplifier is weak, friction is far from the configured one, or the tension swings.",
-        way_out: "Compare the load cell with a known weight, check the amplifier, and find friction with forcectl identify. authority_n in the rig file is what the command may exceed the friction model by. Then clear and arm.",
+        way_out: "Compare the load cell with a known weight, check the amplifier, and find friction with forcectl identify. authority_n in the rig file is what the command may exceed the friction model by. With detail 0 friction alone may hold the tension: then raise tension_min_n. Then clear and arm.",
         detail: "command in millinewton";
 }
 

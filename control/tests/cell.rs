@@ -1,5 +1,6 @@
 //! The load cell's conversion against a cell in `f64` that is curved and creeps.
 
+use control::cell::CellForce;
 use control::unit::{Drive, Setpoint};
 use control::{AdcCode, Config, Controller, EncoderCounts, Input, InvCos, Micros, Newton, State};
 use proptest::prelude::*;
@@ -88,6 +89,36 @@ proptest! {
                 // The board's Euler step against the exponential: a part dt / 2 tau of the creep.
                 let bound = 2e-4 + 0.2 * 12.0 * 1.5625e-3 / cell.time_s;
                 prop_assert!(off.abs() < bound, "{off} N at sample {n}");
+                n += 1;
+            }
+        }
+    }
+
+    /// What starts from codes has the board's force, also where samples are missing.
+    #[test]
+    fn the_force_of_a_recording_is_the_boards(
+        curve in -15_000_000i32..=15_000_000,
+        creep_q16 in -13_107i32..=13_107,
+        creep_ms in 500i32..=100_000,
+        loads in prop::collection::vec(0.0f64..12.0, 1..6),
+        kept in 1u32..4,
+    ) {
+        let correction = CellCorrection { curve_nn_per_n2: curve, creep_q16, creep_ms };
+        let wire = unit(correction);
+        let config = Config::from_wire(&wire).expect("within the ranges");
+        let (mut state, mut cell) = (State::default(), CellForce::new(&wire));
+        let code = |load: f64| AdcCode::new((load / SCALE_N) as i32 + wire.zero_code);
+        let mut n = 0;
+        // Both begin with an empty cell.
+        for load in core::iter::once(0.0).chain(loads) {
+            for _ in 0..1_000 {
+                let board = sample(&config, &mut state, n, code(load)).tension.to_f64();
+                if n % kept == 0 {
+                    let force = cell.at(code(load).get(), u64::from(n) * u64::from(PERIOD_US));
+                    // A sample of the creep, once for each that is missing.
+                    let bound = 1e-4 + 0.4 * 12.0 * f64::from(kept) * 3.125 / f64::from(creep_ms);
+                    prop_assert!((force - board).abs() < bound, "{force} and {board} N at {n}");
+                }
                 n += 1;
             }
         }

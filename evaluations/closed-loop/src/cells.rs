@@ -9,7 +9,7 @@
 
 use crate::effect::{kind_of, plant_text, truth, Effects, Kind, Truth};
 use crate::options::Options;
-use crate::run::json;
+use crate::run::report_of;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -158,13 +158,13 @@ fn rig(
             &["set-force", "0", "2.5", "0", "--duration", &options.hold],
             &out,
         )?;
-        figures(&json(&out.join("set-force.json"))?)
+        figures(&report_of(&out.join("set-force.json"))?)
     };
     let before = hold("before")?;
     let weights = folder.join("weights");
     call(&["calibrate", "gain", "--yes"], &weights)?;
     let after = hold("after")?;
-    let (corrected, found) = found(&json(&weights.join("reply.json"))?, kind);
+    let (corrected, found) = found(&report_of(&weights.join("reply.json"))?, kind);
     Ok(Held {
         before,
         after,

@@ -2,7 +2,7 @@
 
 use crate::effect::{plant_text, Kind, Truth, MIDDLE_N};
 use crate::options::Options;
-use serde_json::Value;
+use serde_json::{json, Value};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
@@ -82,6 +82,26 @@ fn compared(kind: Kind, effects: &[&Value]) -> f64 {
     }
 }
 
+/// Effects of load cells that were named and then measured with weights: the unit, and the effect in
+/// the form of the others, with what the weights say.
+fn weighed(report: &Value) -> Vec<(u64, Value)> {
+    let list = |path: &str| report.pointer(path).and_then(Value::as_array);
+    let gains: Vec<&Value> = list("/weighed/gains/gains").into_iter().flatten().collect();
+    let mut effects = Vec::new();
+    for cell in list("/weighed/cells").into_iter().flatten() {
+        let unit = cell["unit"].as_u64().unwrap_or(0);
+        let Some(gain) = gains.iter().find(|gain| gain["unit"] == cell["unit"]) else {
+            continue;
+        };
+        for name in cell["effects"].as_array().into_iter().flatten() {
+            // As the truth states them, and the analysis.
+            let params = json!({"creep_share": gain["creep"], "curvature": gain["curve_per_n"]});
+            effects.push((unit, json!({"name": name, "params": params})));
+        }
+    }
+    effects
+}
+
 /// The findings in an `identify.json`.
 pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
     let units = report["units"]
@@ -90,9 +110,14 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
     let mut named: BTreeMap<String, usize> = BTreeMap::new();
     let mut found = vec![Vec::new(); truth.effects.len()];
     let mut elsewhere = vec![0; truth.effects.len()];
+    let weighed = weighed(report);
     for unit in units {
-        let has = truth.is_in(unit["unit"].as_u64().unwrap_or(0));
-        let effects: Vec<&Value> = unit["effects"].as_array().into_iter().flatten().collect();
+        let number = unit["unit"].as_u64().unwrap_or(0);
+        let has = truth.is_in(number);
+        let of_cell = weighed.iter().filter(|(of, _)| *of == number);
+        let effects: Vec<&Value> = (unit["effects"].as_array().into_iter().flatten())
+            .chain(of_cell.map(|(_, effect)| effect))
+            .collect();
         let mut names: Vec<&str> = effects.iter().filter_map(|e| e["name"].as_str()).collect();
         names.sort_unstable();
         names.dedup();
@@ -139,7 +164,7 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
                 "fault 45"
             }
         }),
-        changed: report["changed"].as_array().map_or(0, Vec::len),
+        changed: report["changed"].as_array().map_or(0, Vec::len) + weighed.len(),
         better: report["better"].as_bool().unwrap_or(false),
     })
 }
@@ -171,7 +196,7 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFi
         .arg(&plant)
         .args(["--drive-duration", &options.drive])
         .args(["--duration", &options.hold])
-        .arg("--clear-implausible")
+        .args(["--clear-implausible", "--weigh", "--yes"])
         .arg("--out")
         .arg(&report)
         .env("FORCECTL_STATE_DIR", folder.join("state"))
@@ -198,13 +223,14 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFi
         .arg(&plain)
         .arg("--out")
         .arg(&control)
-        .env("FORCECTL_STATE_DIR", folder.join("state"))
+        // Without what was weighed on the rig that has the effect.
+        .env("FORCECTL_STATE_DIR", control.join("state"))
         .output()
         .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
     Ok(findings(truth, &json, &control)?)
 }
 
-pub fn json(path: &Path) -> Result<Value, String> {
+pub fn report_of(path: &Path) -> Result<Value, String> {
     let fault = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
     let text = std::fs::read_to_string(path).map_err(|e| fault(&e))?;
     serde_json::from_str(&text).map_err(|e| fault(&e))
@@ -212,8 +238,8 @@ pub fn json(path: &Path) -> Result<Value, String> {
 
 /// What a report says, with the control run of the same rig without the effect.
 fn findings(truth: &Truth, report: &Path, control: &Path) -> Result<Findings, String> {
-    let mut findings = read(truth, &json(report)?)?;
-    let control = json(&control.join("set-force.json"))?;
+    let mut findings = read(truth, &report_of(report)?)?;
+    let control = report_of(&control.join("set-force.json"))?;
     let cables = control["metrics"]["tension_rms_n"].as_array();
     let worst = cables
         .into_iter()

@@ -1,15 +1,17 @@
 //! `forcectl identify`: finds what the rig file lacks on this rig, corrects it, and measures
 //! whether that is better.
 
+use super::calibrate::gain::Gain;
 use super::connection::Connection;
 use super::exit::{self, Failure, Reply, Result};
 use super::residual::Stages;
 use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
-use identify::{Held, Run, Trial};
+use identify::{DoubtedCell, Held, Run, Trial, Weighed};
 use rig::{Rig, RigText};
 use run::{Options, RunError};
+use serde_json::Value;
 use session::link::RigLink;
 use std::cell::Cell;
 use std::path::PathBuf;
@@ -20,7 +22,7 @@ The command runs sessions on the rig:
   1. It holds a force with the rig file as it is.
   2. It drives the cables back and forth with the tension loops open, records this, and analyses the recording.
   3. It holds the same force with those findings that the board can use.
-Sessions 1 and 3 are repeated as pairs, at least twice, until the 95 % interval of the gain excludes zero, or up to --pairs.
+Sessions 1 and 3 are repeated as pairs, at least twice, until a 95 % interval of the gain excludes zero, or up to --pairs.
 The robot has to move during all sessions; the embedded rig's robot does. The cables have to be slack at the start of
 each session, because zeros are taken there.
 
@@ -28,10 +30,14 @@ A drive with a delay may oscillate in session 1 until fault 45 (tension implausi
 --clear-implausible the command clears this fault, and a fault 15 of the same unit behind it that no tension shows, and goes
 on; in session 2 the loops are open. The findings are then better where the force is held with them to the end.
 
+Creep and a curve of load cells are errors of what is measured; weights tell them apart from the drive. With --weigh the command
+then measures these cells as `forcectl calibrate gain` does, keeps the calibration, and does session 2 once more. Options for
+weights, place and mounting are those of `calibrate gain`: call that before, where its defaults do not fit.
+
 The rig file is written to DIR as rig.before.toml, the corrected one as rig.after.toml. --apply also replaces the file
 that --rig names and keeps the old one as FILE.before-N. It does so only where the findings were clear and the force was held
-better with them: the tension error of the worst cable smaller for sure (the interval excludes zero) and by at least 2 %, the
-force error at the tip at most 5 % larger.
+better with them: the tension error of the worst cable, or of one cable, smaller for sure (the interval excludes zero) and by at
+least 2 %, no cable worse by 2 % for sure, the force error at the tip at most 5 % larger.
 
 Exit codes:
   0  something was found and corrected, and the result was better (and was applied if requested)
@@ -69,6 +75,13 @@ pub struct Identify {
     /// findings, and go on
     #[arg(long)]
     clear_implausible: bool,
+    /// Where creep or a curve of load cells is found: measure these cells with weights, as
+    /// `calibrate gain` does, and do session 2 again
+    #[arg(long)]
+    weigh: bool,
+    /// With --weigh on an emulated rig: ask nothing, a stand-in hangs the weights
+    #[arg(long, requires = "weigh")]
+    yes: bool,
     #[command(flatten)]
     connection: Connection,
     /// Sessions so far.
@@ -106,18 +119,33 @@ impl Identify {
                 rig: &rig,
             },
         )?;
-        let recording = self.drive(context, &rig)?;
-        let mut stages = Stages::new(!context.output.shows_progress());
-        let findings = identify::find(&recording, &rig, &name, &text, &self.out, &mut stages)?;
+        let find = |rig: &Rig| -> Result<_> {
+            let recording = self.drive(context, rig)?;
+            let mut stages = Stages::new(!context.output.shows_progress());
+            let findings = identify::find(&recording, rig, &name, &text, &self.out, &mut stages)?;
+            Ok((findings, recording.swing))
+        };
+        let (mut findings, mut swing) = find(&rig)?;
+        let cells = identify::doubted_cells(&findings.units);
+        let mut weighed = None;
+        if self.weigh && !cells.is_empty() {
+            let gains = self.weigh(&cells, context)?;
+            let straight = self
+                .connection
+                .calibrated(self.connection.load(context)?, context)?;
+            (findings, swing) = find(&straight)?;
+            weighed = Some(Weighed { cells, gains });
+        }
         identify::write(&self.out.join("rig.after.toml"), &findings.rewritten.text)?;
-        let mut trial = Trial::new(first, findings, recording.swing);
+        let mut trial = Trial::new(first, findings, swing);
+        trial.weighed = weighed;
         // From here on Ctrl-C must not leave half a rig file.
         let _controlled_stop = context.interrupt.controlled_stop();
         trial.compare(&rig, self.pairs.into(), &mut |run| {
             self.hold(context, force_n, run)
         })?;
-        if let (None, true, Some(path)) = (&trial.left, self.apply, path) {
-            let new = &trial.findings.rewritten.text;
+        let new = &trial.findings.rewritten.text;
+        if let (None, true, Some(path)) = (&trial.left, self.apply && *new != text, path) {
             trial.applied = Some(identify::replace(path, &text, new)?);
         }
         self.report(context, &trial, &name)
@@ -128,6 +156,23 @@ impl Identify {
         let run = self.sessions.get();
         self.sessions.set(run + 1);
         self.connection.open_again(rig, run, context)
+    }
+
+    /// Measures load cells with weights, and keeps the calibration; what `calibrate gain` reports.
+    fn weigh(&self, cells: &[DoubtedCell], context: &Context) -> Result<Value> {
+        let units: Vec<u8> = cells.iter().map(|cell| cell.unit).collect();
+        let words: Vec<String> = units.iter().map(ToString::to_string).collect();
+        context.output.note(&format!(
+            "creep or a curve of the load cell of unit {}: measuring with weights, as `forcectl calibrate gain` does",
+            words.join(", ")
+        ));
+        let gain = Gain::of_units(&units, self.yes, &self.out)?;
+        let open = |rig: &Rig| self.open(rig, context);
+        let reply = gain.on(&self.connection, open, context)?;
+        if !context.output.json() {
+            context.output.results(&reply.text);
+        }
+        Ok(reply.json.unwrap_or_default())
     }
 
     /// Holds the force in a session of its own. A fault 45 that ended it is an error, unless it may

@@ -5,6 +5,7 @@
 //! off; the force at the tip is their sum along the cables' directions at the tip that the robot
 //! reports. What the plant truly does goes into another table.
 
+use control::cell::CellForce;
 use force::controller::{problem, Cables};
 use known::uncertainty::Systematic;
 use nalgebra::Vector3;
@@ -217,7 +218,7 @@ pub struct Worst {
 #[derive(Debug)]
 pub struct Joiner {
     rig: Rig,
-    configs: [UnitConfig; UNITS],
+    cells: [CellForce; UNITS],
     /// What the calibration says of the label, where there is one.
     known: Option<Systematic>,
     /// Time and force along the cell's axis of each unit's latest samples, s and N.
@@ -250,7 +251,7 @@ impl Joiner {
     ) -> Self {
         Self {
             rig: rig.clone(),
-            configs: *configs,
+            cells: configs.each_ref().map(CellForce::new),
             known: rig.calibration.as_deref().map(|record| {
                 // The tip is the robot's, and the rig file may know of none.
                 let pose_sd_m = match rig.pose {
@@ -275,11 +276,10 @@ impl Joiner {
     pub fn samples(&mut self, samples: &[TimedSample]) {
         for timed in samples {
             let unit = usize::from(timed.sample.unit);
-            let Some(config) = self.configs.get(unit) else {
+            let Some(cell) = self.cells.get_mut(unit) else {
                 continue;
             };
-            let code = f64::from(timed.sample.adc_code) - f64::from(config.zero_code);
-            let cell_n = code * f64::from(config.scale_pn_per_count) * 1e-12;
+            let cell_n = cell.at(timed.sample.adc_code, timed.t_us);
             let t_s = timed.t_us as f64 * 1e-6 - CELL_DELAY_S;
             let list = &mut self.samples[unit];
             list.push_back((t_s, cell_n));
@@ -409,7 +409,7 @@ impl Joiner {
 mod tests {
     use super::*;
     use robot::state::{Clock, Frame, Stamp, TipState};
-    use wire::message::Sample;
+    use wire::message::{CellCorrection, Sample};
 
     fn state(rig: &Rig, at_s: f64) -> Waiting {
         Waiting {
@@ -485,6 +485,45 @@ mod tests {
         assert_eq!((get("quality"), get("trial")), (1.0, 4.0));
         assert!(get("joint_position_1").is_nan());
         assert!(get("force_95_n").is_nan());
+    }
+
+    /// The cells' curve and creep, which the board takes out, are not in the labels either.
+    #[test]
+    fn forces_are_those_of_the_board_s_conversion() {
+        let rig = Rig::built_in().unwrap();
+        let mut configs = rig.units.map(|unit| unit.to_wire());
+        for config in &mut configs {
+            config.cell = CellCorrection {
+                curve_nn_per_n2: 5_000_000,
+                creep_q16: 6_554,
+                creep_ms: 1_000,
+            };
+        }
+        let mut joiner = Joiner::new(&rig, &configs, 0.0, 1, 1);
+        // 4 N from 0.5 s on: a cell reads 10 % more after some seconds, and is curved by 2 %.
+        let load_n = |t: f64| if t < 0.5 { 0.0f64 } else { 4.0 };
+        let mut crept_n = 0.0f64;
+        for n in 0..1_300 {
+            let t = f64::from(n) * 0.003_125;
+            crept_n += (0.1 * load_n(t) - crept_n) * 0.003_125;
+            let reading_n = load_n(t) + crept_n;
+            let straight_n = ((1.0 + 4.0 * 5e-3 * reading_n).sqrt() - 1.0) / (2.0 * 5e-3);
+            for unit in 0..UNITS as u8 {
+                joiner.samples(&[sample(unit, t, straight_n)]);
+            }
+            if n % 320 == 310 {
+                joiner.state(state(&rig, t - 0.1));
+                joiner.join(t, false);
+            }
+        }
+        assert_eq!(joiner.rows.rows(), 4);
+        for (i, unit) in rig.units.iter().enumerate() {
+            let (_, cosine) = unit.cable_at(rig.workspace.center_m).unwrap();
+            let found = joiner.rows.column(&format!("tension_{}_n", i + 1)).unwrap();
+            for tension_n in found {
+                assert!((tension_n * cosine - 4.0).abs() < 3e-3, "{found:?}");
+            }
+        }
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! The excitation: cables driven with open loops while the robot moves, and what makes that safe.
 
-use super::Recording;
+use super::recording::{Recording, Sampled};
+use control::cell::CellForce;
 use force::pose::PoseSource;
 use nalgebra::Vector3;
 use rig::{Rig, UnitSettings};
 use run::{ArgumentError, Fault, Observer, Phase, Prepared, RunError};
 use session::link::RigLink;
-use session::{LatchedFault, Received, Session, TimedSample, PERIOD};
+use session::{LatchedFault, Received, Session, PERIOD};
 use std::f64::consts::TAU;
 use std::sync::atomic::{AtomicBool, Ordering};
 use wire::message::{Status, UnitSetpoint};
@@ -62,6 +63,7 @@ pub fn excite(
         prepared: &prepared,
         pose,
         swing,
+        cells: prepared.configs.each_ref().map(CellForce::new),
         samples: Vec::new(),
     };
     let result = excitation.run(&mut session, seconds, stop, observer);
@@ -162,8 +164,9 @@ struct Excitation<'a> {
     pose: PoseSource,
     /// Part of the amplitude that is left.
     swing: f64,
-    /// Samples with 1/cos as it was in force.
-    samples: Vec<(TimedSample, f64)>,
+    /// Forces on the cells, from the arming on.
+    cells: [CellForce; UNITS],
+    samples: Vec<Sampled>,
 }
 
 /// Setpoints of a cycle, 1/cos of each unit, and the force at the tip by the measured tensions.
@@ -208,11 +211,17 @@ impl Excitation<'_> {
             let received = session.drain();
             observer.received(&received);
             self.check_faults(&received, session.status())?;
-            if t_s >= SETTLE_S {
-                self.samples.extend(received.samples.iter().map(|timed| {
-                    let unit = usize::from(timed.sample.unit).min(UNITS - 1);
-                    (*timed, cycle.inv_cos[unit])
-                }));
+            for timed in &received.samples {
+                let unit = usize::from(timed.sample.unit).min(UNITS - 1);
+                // Also of the time before: the cells creep from the first load on.
+                let cell_n = self.cells[unit].at(timed.sample.adc_code, timed.t_us);
+                if t_s >= SETTLE_S {
+                    self.samples.push(Sampled {
+                        timed: *timed,
+                        cell_n,
+                        inv_cos: cycle.inv_cos[unit],
+                    });
+                }
             }
             let (phase, part) = phase_at(t_s, seconds);
             observer.progress(phase, part.clamp(0.0, 1.0));

@@ -30,6 +30,29 @@ pub struct UnitFinding {
     pub not_used: Vec<String>,
 }
 
+/// A unit whose load cell shows what weights measure and the board takes out.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct DoubtedCell {
+    /// Unit from 1.
+    pub unit: u8,
+    /// Names of the effects.
+    pub effects: Vec<String>,
+}
+
+/// The units whose load cells show creep or a curve.
+#[must_use]
+pub fn doubted_cells(units: &[UnitFinding]) -> Vec<DoubtedCell> {
+    let of_cell = |unit: &UnitFinding| {
+        let names = unit.report.effects.iter().map(|e| e.name.to_string());
+        let effects: Vec<String> = names.filter(|name| findings::is_of_cell(name)).collect();
+        (!effects.is_empty()).then_some(DoubtedCell {
+            unit: unit.unit,
+            effects,
+        })
+    };
+    units.iter().filter_map(of_cell).collect()
+}
+
 /// What was found on a rig.
 #[derive(Debug, Clone)]
 pub struct Findings {

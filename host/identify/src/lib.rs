@@ -57,8 +57,11 @@ pub use board_file::{Applied, BoardFile, BoardFileError};
 pub use excite::{check, excite, SMALL_SWING};
 pub use figures::Figures;
 pub use file::{replace, write, FileError};
-pub use find::{advice, find, usable, FindError, Findings, UnitFinding, MAX_UNEXPLAINED};
+pub use find::{
+    advice, doubted_cells, find, usable, DoubtedCell, FindError, Findings, UnitFinding,
+    MAX_UNEXPLAINED,
+};
 pub use gain::{Gain, Pair, FEWEST_PAIRS, MOST_PAIRS};
 pub use model::{model, MODEL};
 pub use recording::{Recording, Row};
-pub use trial::{clear_faults, hold, is_implausible, Held, HoldError, Left, Run, Trial};
+pub use trial::{clear_faults, hold, is_implausible, Held, HoldError, Left, Run, Trial, Weighed};

@@ -17,8 +17,8 @@ const SAMPLE_S: f64 = 1.0 / control::NOMINAL_SPS as f64;
 /// A recorded session.
 #[derive(Debug, Clone)]
 pub struct Recording {
-    /// Samples, in order, with 1/cos as it was in force.
-    pub(super) samples: Vec<(TimedSample, f64)>,
+    /// Samples, in order.
+    pub(super) samples: Vec<Sampled>,
     /// The configurations in force, zeros and scales included.
     pub(super) configs: [UnitConfig; UNITS],
     /// Units that took part.
@@ -26,6 +26,16 @@ pub struct Recording {
     /// Part of the amplitude that was left at the end; below 1 where the force at the tip came near
     /// the limit.
     pub swing: f64,
+}
+
+/// A sample with what is known beside it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sampled {
+    pub timed: TimedSample,
+    /// Force along the cell's axis, unfiltered, N.
+    pub cell_n: f64,
+    /// 1/cos as it was in force.
+    pub inv_cos: f64,
 }
 
 /// A row of a session as it is analysed.
@@ -76,8 +86,8 @@ impl Recording {
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         let ends = self.samples.first().zip(self.samples.last());
-        ends.map_or(0.0, |((first, _), (last, _))| {
-            last.t_us.saturating_sub(first.t_us) as f64 * 1e-6
+        ends.map_or(0.0, |(first, last)| {
+            last.timed.t_us.saturating_sub(first.timed.t_us) as f64 * 1e-6
         })
     }
 
@@ -87,16 +97,14 @@ impl Recording {
         let mut tension: [Track; UNITS] = Default::default();
         let (mut command, mut travel) = (Track::default(), Track::default());
         let age_s = CONVERSION_AGE * SAMPLE_S;
-        for (timed, inv_cos) in &self.samples {
-            let s = &timed.sample;
+        for sampled in &self.samples {
+            let (timed, s) = (&sampled.timed, &sampled.timed.sample);
             let i = usize::from(s.unit);
             let Some(config) = self.configs.get(i) else {
                 continue;
             };
             let t_s = timed.t_us as f64 * 1e-6;
-            let scale = f64::from(config.scale_pn_per_count) * 1e-12;
-            let force = (f64::from(s.adc_code) - f64::from(config.zero_code)) * scale;
-            tension[i].push(t_s - age_s, force * inv_cos);
+            tension[i].push(t_s - age_s, sampled.cell_n * sampled.inv_cos);
             if i == unit {
                 let codes_per_n = f64::from(config.dac_counts_per_n_q16) / 65_536.0;
                 let latency_s = f64::from(s.latency_us) * 1e-6;

@@ -1,7 +1,7 @@
 //! The report of a trial, for people and for programs.
 
 use super::file::{self, FileError};
-use super::{Figures, Trial, UnitFinding};
+use super::{DoubtedCell, Figures, Trial, UnitFinding};
 use run::plot;
 use serde_json::{json, Value};
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,7 +23,9 @@ impl Trial {
             "before": self.figures.0,
             "before_fault": self.stopped,
             "after": self.figures.1,
+            "pairs": self.pairs,
             "gain": self.gain,
+            "weighed": self.weighed,
             "better": match (&self.stopped, &self.gain) {
                 (Some(_), _) => Some(self.left.is_none()),
                 (None, gain) => gain.map(|gain| gain.is_better()),
@@ -114,6 +116,18 @@ impl Trial {
     }
 
     fn changed(&self, lines: &mut Vec<String>) {
+        if let Some(weighed) = &self.weighed {
+            let cell = |cell: &DoubtedCell| format!("{} ({})", cell.unit, cell.effects.join(", "));
+            let cells: Vec<String> = weighed.cells.iter().map(cell).collect();
+            lines.push(format!(
+                "\n## Measured with weights\n\n\
+                 The first analysis named an effect of the load cell in unit {}. These cells were measured with weights, and what \
+                 pays is taken out by the board; *Found* is what the rig lacks with that. The calibration is kept as version {}; \
+                 `forcectl calibrate use` puts an older one in force.",
+                cells.join(", "),
+                weighed.gains["version"].as_str().unwrap_or("-"),
+            ));
+        }
         lines.push("\n## Changed in the rig file\n".to_owned());
         let changed = &self.findings.rewritten.changed;
         lines.extend(changed.iter().map(|change| format!("- {change}")));

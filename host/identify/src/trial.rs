@@ -1,9 +1,10 @@
 //! The trial of the findings: pairs of runs without and with them, until it is decided whether the
 //! force is held better.
 
-use super::{Figures, Findings, Gain, Pair, FEWEST_PAIRS};
+use super::{DoubtedCell, Figures, Findings, Gain, Pair, FEWEST_PAIRS};
 use rig::Rig;
 use run::{Ended, Fault, Observer, Options, Outcome, RunError, RunFault, Stopped};
+use serde::Serialize;
 use session::link::RigLink;
 use session::{LatchedFault, Patience, Session, SessionError, PERIOD};
 use std::fmt;
@@ -247,11 +248,11 @@ impl fmt::Display for Left {
             ),
             Self::NotBetter(gain) => {
                 let why = if !gain.is_decided() {
-                    "its interval does not exclude zero; more --pairs or a longer --duration may decide it"
-                } else if gain.tip_growth > 0.0 && gain.mean > 0.0 {
+                    "no interval of a cable excludes zero; more --pairs or a longer --duration may decide it"
+                } else if gain.tip_growth > 0.0 && gain.worst.mean > 0.0 {
                     "the force error at the tip did not fall with it"
                 } else {
-                    "less than 2 % does not count"
+                    "less than 2 %, or with a loss of a cable, does not count"
                 };
                 write!(
                     f,
@@ -273,6 +274,15 @@ pub struct Run<'a> {
     pub rig: &'a Rig,
 }
 
+/// Load cells that were measured with weights between two analyses.
+#[derive(Debug, Clone, Serialize)]
+pub struct Weighed {
+    /// What the first analysis named.
+    pub cells: Vec<DoubtedCell>,
+    /// What `calibrate gain` reported.
+    pub gains: serde_json::Value,
+}
+
 /// What was found on a rig, and what it is worth.
 #[derive(Debug)]
 pub struct Trial {
@@ -288,8 +298,12 @@ pub struct Trial {
     pub after: Option<Outcome>,
     /// Means over the runs without and with the findings; `None` without such a run to the end.
     pub figures: (Option<Figures>, Option<Figures>),
+    /// The runs of each pair that went to the end.
+    pub pairs: Vec<Pair>,
     /// How much better it is with the findings.
     pub gain: Option<Gain>,
+    /// The cells that were measured with weights before the findings.
+    pub weighed: Option<Weighed>,
     /// Why nothing was changed.
     pub left: Option<Left>,
     /// Where the rig file was put, and where the old one is kept.
@@ -311,13 +325,15 @@ impl Trial {
             stopped,
             after: None,
             figures: (figures, None),
+            pairs: Vec::new(),
             gain: None,
+            weighed: None,
             left: None,
             applied: None,
         }
     }
 
-    /// Holds the force with the findings, and repeats the pair of runs until the gain is decided or
+    /// Holds the force with the findings and the cells that were weighed, and repeats the pair of runs until the gain is decided or
     /// `most` pairs are there. Without findings nothing is driven. [`Trial::left`] says why it is
     /// not better with them.
     ///
@@ -329,7 +345,7 @@ impl Trial {
         most: usize,
         hold: &mut dyn FnMut(Run<'_>) -> Result<Held, E>,
     ) -> Result<(), E> {
-        self.left = if self.findings.rewritten.changed.is_empty() {
+        self.left = if self.findings.rewritten.changed.is_empty() && self.weighed.is_none() {
             Some(Left::NothingClear)
         } else {
             self.decide(rig, most, hold)?
@@ -345,7 +361,6 @@ impl Trial {
         hold: &mut dyn FnMut(Run<'_>) -> Result<Held, E>,
     ) -> Result<Option<Left>, E> {
         let mut before = self.figures.0;
-        let mut pairs: Vec<Pair> = Vec::new();
         let mut afters: Vec<Figures> = Vec::new();
         for pair in 1.. {
             let mut run = |with_findings, rig| {
@@ -381,14 +396,14 @@ impl Trial {
                 before: without,
                 after: afters[pair - 1],
             };
-            let repeats = pairs.contains(&new);
-            pairs.push(new);
-            let Some(gain) = Gain::of(&pairs) else {
+            let repeats = self.pairs.contains(&new);
+            self.pairs.push(new);
+            let Some(gain) = Gain::of(&self.pairs) else {
                 return Ok(Some(Left::NoError));
             };
             self.gain = Some(gain);
             if repeats || gain.is_decided() || pair >= most {
-                let befores: Vec<Figures> = pairs.iter().map(|pair| pair.before).collect();
+                let befores: Vec<Figures> = self.pairs.iter().map(|pair| pair.before).collect();
                 self.figures.0 = Figures::mean(&befores);
                 return Ok(match gain.is_better() {
                     true => None,

@@ -29,7 +29,7 @@ table! {
     dac_code: i32, "", "code of the DAC, 32768 is 0 V";
     flags: i32, "", "flags of the sample (docs/protocol.md)";
     latency_s: f64, "s", "DRDY edge to DAC word, board clock";
-    load_cell_n: f64, "N", "force along the load cell's axis, unfiltered: (code - zero) times scale of the configuration";
+    load_cell_n: f64, "N", "force along the load cell's axis, unfiltered: (code - zero) times scale, less curve and creep of the configuration";
     travel_m: f64, "m", "cable travel since the counter's zero, positive winding in";
     dac_v: f64, "V", "output of the DAC";
     tension_n: f64, "N", "cable tension after the filter, as the board computes it";
@@ -148,17 +148,16 @@ pub(super) struct At<'a> {
 }
 
 impl SampleRow {
-    /// From a sample and the configurations that the row names.
-    pub(super) fn new(at: At<'_>, timed: &TimedSample, configs: &[UnitConfig; UNITS]) -> Self {
+    /// From a sample, the configurations that the row names, and the force on the cell, N.
+    pub(super) fn new(
+        at: At<'_>,
+        timed: &TimedSample,
+        configs: &[UnitConfig; UNITS],
+        load_cell_n: f64,
+    ) -> Self {
         let s: &Sample = &timed.sample;
-        let (scale_n, zero, travel_m) =
-            configs.get(usize::from(s.unit)).map_or((0.0, 0, 0.0), |c| {
-                (
-                    f64::from(c.scale_pn_per_count) * 1e-12,
-                    c.zero_code,
-                    f64::from(c.travel_nm_per_count) * 1e-9,
-                )
-            });
+        let config = configs.get(usize::from(s.unit));
+        let travel_m = config.map_or(0.0, |c| f64::from(c.travel_nm_per_count) * 1e-9);
         let tenth_mn = |value: i32| f64::from(value) * 1e-4;
         row!(SampleRow, at, {
             configuration: at.configuration,
@@ -168,7 +167,7 @@ impl SampleRow {
             dac_code: i32::from(s.dac_code),
             flags: i32::from(s.flags),
             latency_s: f64::from(s.latency_us) * 1e-6,
-            load_cell_n: (f64::from(s.adc_code) - f64::from(zero)) * scale_n,
+            load_cell_n: load_cell_n,
             travel_m: f64::from(s.encoder_counts) * travel_m,
             dac_v: dac_v(s.dac_code),
             tension_n: tenth_mn(s.tension),

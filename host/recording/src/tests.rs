@@ -17,7 +17,7 @@ use std::fs::File;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
-use wire::message::{Sample, UnitConfig};
+use wire::message::{CellCorrection, Sample, UnitConfig};
 use wire::UNITS;
 
 /// Feeds a recorder as the command line does.
@@ -294,6 +294,7 @@ fn a_message_that_lacks_a_field_or_has_one_more_is_not_of_the_schema() {
             sample: Sample::default(),
         },
         &Rig::built_in().unwrap().units.map(|unit| unit.to_wire()),
+        0.0,
     );
     let table: Table = SampleRow::TABLE;
     let validator = jsonschema::validator_for(&table.json_schema()).unwrap();
@@ -563,6 +564,48 @@ impl Storage for Disk {
 
 fn on(disk: &Disk, folder: &std::path::Path) -> Recorder {
     Recorder::create_on(folder, &metadata().never_waits(), Box::new(disk.clone())).unwrap()
+}
+
+/// The board takes a cell's curve and creep out; the unfiltered force lacks them as well.
+#[test]
+fn the_force_on_a_cell_is_that_of_the_board_s_conversion() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut configs = Rig::built_in().unwrap().units.map(|unit| unit.to_wire());
+    configs[1].cell = CellCorrection {
+        curve_nn_per_n2: 10_000_000,
+        creep_q16: 6_554,
+        creep_ms: 1_000,
+    };
+    let mut recorder = Recorder::create(folder.path(), &metadata()).unwrap();
+    recorder.configured(&configs);
+    let newton_per_count = f64::from(configs[1].scale_pn_per_count) * 1e-12;
+    let newton = |n: f64| (n / newton_per_count).round() as i32;
+    // Slack, then a reading of 5 N: 5.25 N straightened, of which 0.1 / 1.1 is creep in the end.
+    for n in 0..600 {
+        let mut part = received(n);
+        for sample in &mut part.samples {
+            sample.sample.adc_code = if n < 10 { 0 } else { newton(5.0) };
+        }
+        recorder.received(&part);
+    }
+    // Another setting of the unit does not begin anew.
+    configs[1].slew_un_per_s += 1;
+    recorder.configured(&configs);
+    let mut part = received(600);
+    for sample in &mut part.samples {
+        sample.sample.adc_code = newton(5.0);
+    }
+    recorder.received(&part);
+    recorder.finish().complete().unwrap();
+    let (entries, _) = entries(&folder.path().join(MCAP_FILE));
+    let samples: Vec<SampleRow> = rows(&entries);
+    let of = |unit: i32| samples.iter().filter(move |row| row.unit == unit);
+    let first = of(2).find(|row| row.adc_code != 0).unwrap();
+    assert!((first.load_cell_n - 5.25).abs() < 0.01, "{first:?}");
+    let last = of(2).next_back().unwrap();
+    assert!((last.load_cell_n - 5.25 / 1.1).abs() < 0.01, "{last:?}");
+    let straight = of(1).next_back().unwrap();
+    assert!((straight.load_cell_n - 5.0).abs() < 1e-5, "{straight:?}");
 }
 
 #[test]

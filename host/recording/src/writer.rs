@@ -9,6 +9,7 @@ use crate::rows::{At, ClockRow, CounterRow, CycleRow, EventRow, SampleRow, FAULT
 use crate::sink::{Sink, Storage};
 use crate::table::{row, ColumnTable, Row, Times, Utc};
 use crate::utc::UtcClock;
+use control::cell::CellForce;
 use force::metrics::Step;
 use known::uncertainty::Running;
 use mcap::records::MessageHeader;
@@ -58,6 +59,8 @@ pub(super) struct Writer {
     estimate: Option<Estimate>,
     utc: UtcClock,
     configs: [UnitConfig; UNITS],
+    /// Forces on the cells by these.
+    cells: [CellForce; UNITS],
     configuration: i32,
     phase: &'static str,
     /// Host time of the newest of what was received, ns.
@@ -132,6 +135,7 @@ impl Writer {
             media_type: "application/json".to_owned(),
             data: metadata.rig_json().into(),
         })?;
+        let configs = metadata.rig.units.map(|unit| unit.to_wire());
         let mut writer = Self {
             mcap,
             topics,
@@ -141,7 +145,8 @@ impl Writer {
             clock: BoardClock::live(),
             estimate: None,
             utc: UtcClock::new(metadata.emulated, metadata.utc_start.ns()),
-            configs: metadata.rig.units.map(|unit| unit.to_wire()),
+            configs,
+            cells: configs.each_ref().map(CellForce::new),
             configuration: -1,
             phase: OBSERVING,
             host_ns: 0,
@@ -262,6 +267,12 @@ impl Writer {
         if self.configuration >= 0 && self.configs == *configs {
             return;
         }
+        for ((cell, old), new) in self.cells.iter_mut().zip(&self.configs).zip(configs) {
+            // The creep of a cell goes on where other settings change.
+            if CellForce::new(old) != CellForce::new(new) {
+                *cell = CellForce::new(new);
+            }
+        }
         self.configs = *configs;
         self.configuration += 1;
         let pairs = configuration_pairs(self.configuration, configs);
@@ -298,10 +309,13 @@ impl Writer {
         }
         for timed in &received.samples {
             let host_ns = self.host_of(timed.t_us);
+            let cell = self.cells.get_mut(usize::from(timed.sample.unit));
+            let load_cell_n = cell.map_or(0.0, |cell| cell.at(timed.sample.adc_code, timed.t_us));
             let row = SampleRow::new(
                 self.at(host_ns, timed.t_us as f64 * 1e-6),
                 timed,
                 &self.configs,
+                load_cell_n,
             );
             self.rows.0 += u64::from(self.write_row(&row));
         }

@@ -1,5 +1,6 @@
 //! `calibrate gain`.
 
+use super::super::connection::Connection;
 use super::super::exit::{Failure, Reply, Result};
 use super::super::Context;
 use super::series::{Plan, Series};
@@ -11,12 +12,15 @@ use calibrate::picture::{bars, Bar};
 use calibrate::standin::{Cells, Weights};
 use calibrate::weights::{self, Fitted};
 use calibration::gain::{iso376, Gain as Fit, Options, Term, WEIGHTS_G};
-use clap::Args;
+use clap::{Args, Parser};
 use known::{base, checks, serials};
+use rig::Rig;
 use serde_json::json;
+use session::link::RigLink;
 use session::Session;
+use std::ffi::OsString;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Arguments of `calibrate gain`.
@@ -81,10 +85,37 @@ pub(super) fn weight(text: &str) -> std::result::Result<f64, String> {
     })
 }
 
+/// The command's own words, for [`Gain::of_units`].
+#[derive(Debug, Parser)]
+struct Words {
+    #[command(flatten)]
+    gain: Gain,
+}
+
 impl Gain {
+    /// `calibrate gain` of these units, with all other options as they are by default.
+    pub fn of_units(units: &[u8], yes: bool, out: &Path) -> Result<Self> {
+        let mut words: Vec<OsString> = vec!["gain".into(), "--out".into(), out.into()];
+        words.extend(yes.then(|| "--yes".into()));
+        words.push("--unit".into());
+        words.extend(units.iter().map(|unit| unit.to_string().into()));
+        let words = Words::try_parse_from(words).map_err(Failure::usage)?;
+        Ok(words.gain)
+    }
+
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let connection = &self.by_hand.connection;
+        self.on(connection, |rig| connection.open(rig, context), context)
+    }
+
+    /// Runs it on the rig of a connection, which `open` opens.
+    pub fn on(
+        &self,
+        connection: &Connection,
+        open: impl FnOnce(&Rig) -> Result<Box<dyn RigLink>>,
+        context: &Context,
+    ) -> Result<Reply> {
         self.standards.check()?;
         if self.iso376 && self.readings.is_none() {
             let mut loads = self.weights();
@@ -133,7 +164,7 @@ impl Gain {
         }
         let _controlled_stop = context.interrupt.controlled_stop();
         let rig = bench.calibrated();
-        let mut link = connection.open(&rig, context)?;
+        let mut link = open(&rig)?;
         let mut session = Session::connect(link.as_mut())?;
         cells::prepare(&mut session, &rig)?;
         let seed = session.link().controls().map(|controls| controls.seed());

@@ -19,7 +19,7 @@
 mod certificate;
 mod check;
 mod check_tip;
-mod gain;
+pub(super) mod gain;
 mod geometry;
 pub(super) mod guide;
 mod moving;

@@ -1,5 +1,11 @@
 //! What helps against an effect for which the board has no setting.
 
+/// Whether an effect is of the load cell: `calibrate gain` measures it, and the board takes it out.
+#[must_use]
+pub fn is_of_cell(name: &str) -> bool {
+    matches!(name, "creep" | "quadratic" | "kink")
+}
+
 /// What to do about an effect by its name in a report; `None` where the board has a setting for it.
 #[must_use]
 pub fn without_setting(name: &str) -> Option<&'static str> {

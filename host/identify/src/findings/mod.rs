@@ -25,7 +25,7 @@ mod correct;
 mod rewrite;
 mod ripples;
 
-pub use advice::without_setting;
+pub use advice::{is_of_cell, without_setting};
 pub use correct::{correct, gains_for_delay, slowed, Corrected, Frame};
 pub use rewrite::{rewrite, Rewritten};
 pub use ripples::merge_ripples;
