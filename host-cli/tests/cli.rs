@@ -430,6 +430,37 @@ fn rig_files_are_checked_with_their_lines() {
 }
 
 #[test]
+fn a_tension_that_friction_alone_exceeds_is_told() {
+    let folder = folder();
+    for (least_n, told) in [("0.5", true), ("0.8", false)] {
+        let file = built_in().replacen(
+            "tension_min_n = 2.0",
+            &format!("tension_min_n = {least_n}"),
+            1,
+        );
+        std::fs::write(folder.path().join("low.toml"), file).expect("written");
+        let said = forcectl_in(folder.path(), &["check", "low.toml"]);
+        assert_eq!(said.code, Some(0), "{said:?}");
+        let units = said.out.matches("friction alone holds 1.06 N").count();
+        assert_eq!(units, if told { 6 } else { 0 }, "{said:?}");
+    }
+}
+
+/// The board finds it after 0 V, when the run's own time is over.
+#[test]
+fn a_motor_that_does_not_let_go_at_the_end_of_a_run_is_an_error() {
+    let folder = folder();
+    for at in ["3.5", "3.9"] {
+        let inject = format!("stuck-dac=3@{at}s");
+        let mut line = words("set-force 0 2.5 0 --link fast --duration 4 --inject");
+        line.push(&inject);
+        let said = forcectl_in(folder.path(), &line);
+        assert_eq!(said.code, Some(5), "{said:?}");
+        assert!(said.err.contains("fault 15, 0 V has no effect"), "{said:?}");
+    }
+}
+
+#[test]
 fn a_rig_file_that_cannot_hold_zero_force_is_refused() {
     let folder = folder();
     let exit = "exit_m = [-0.480, 0.010, -0.165]";

@@ -78,7 +78,7 @@ impl Plant {
     /// As [`Plant::new`].
     pub fn of_run(config: PlantConfig, seed: u64, run: u64) -> Result<Self, ConfigError> {
         config.validate()?;
-        let tip = Tip::new(&config.robot, crate::rng::seed_of_run(seed, run));
+        let tip = Tip::new(&config, crate::rng::seed_of_run(seed, run));
         Ok(Self::with_tip(config, seed, tip))
     }
 

@@ -1,8 +1,9 @@
 //! The robot's tip: a prescribed path, ramped in and out, and the little that it gives way; or a
 //! model of a robot that a caller brings ([`TipModel`]).
 
-use crate::config::{PathConfig, RobotConfig};
-use crate::vector::{add, norm, scale, sub, Vec3};
+use crate::config::{PathConfig, PlantConfig};
+use crate::vector::{add, dot, norm, scale, sub, Vec3};
+use nalgebra::{Matrix3, Vector3};
 use random::SplitMix64;
 use std::any::Any;
 use std::f64::consts::TAU;
@@ -251,7 +252,7 @@ impl Clone for Tip {
 
 impl Tip {
     /// A tip on the path of the configuration.
-    pub fn new(config: &RobotConfig, seed: u64) -> Self {
+    pub fn new(config: &PlantConfig, seed: u64) -> Self {
         let path = PathTip::new(config, seed);
         Self {
             position_m: path.position_m,
@@ -332,7 +333,8 @@ struct PathTip {
     center_m: Vec3,
     ramp_rate_per_s: f64,
     compliance_m_per_n: f64,
-    relaxation_s: f64,
+    /// See [`toward`].
+    toward: [Vec3; 3],
     /// 0 standing, 1 at full speed.
     ramp: f64,
     path_time_s: f64,
@@ -345,7 +347,8 @@ struct PathTip {
 }
 
 impl PathTip {
-    fn new(config: &RobotConfig, seed: u64) -> Self {
+    fn new(plant: &PlantConfig, seed: u64) -> Self {
+        let config = &plant.robot;
         let mut path = Path::new(&config.path, seed);
         let start = path.at(0.0).0;
         Self {
@@ -354,7 +357,7 @@ impl PathTip {
             // A ramp without duration takes one step: the next step has full speed.
             ramp_rate_per_s: 1.0 / config.ramp_s.max(1e-9),
             compliance_m_per_n: config.tip_compliance_m_per_n,
-            relaxation_s: config.tip_relaxation_s,
+            toward: toward(plant),
             ramp: 0.0,
             path_time_s: 0.0,
             give_m: [0.0; 3],
@@ -380,13 +383,33 @@ impl PathTip {
         self.velocity_m_per_s = scale(rate, pace);
         if self.compliance_m_per_n > 0.0 {
             let target = scale(force_n, self.compliance_m_per_n);
-            // Exact for a constant force over the step.
-            let part = 1.0 - (-h_s / self.relaxation_s).exp();
-            let move_m = scale(sub(target, self.give_m), part);
+            let off_m = sub(target, self.give_m);
+            let move_m = self.toward.map(|row| dot(row, off_m));
             self.give_m = add(self.give_m, move_m);
             self.position_m = add(self.position_m, self.give_m);
         }
     }
+}
+
+/// How much of its way to `compliance x force` a tip that gives goes in a step, as the rows of a
+/// matrix: what relaxes in it, exact for a force that does not change, and at most to where the
+/// force of taut cables, which falls over the way, is balanced. Some mm/N are a hundred times the
+/// give of the cables, and a longer way would swing.
+fn toward(plant: &PlantConfig) -> [Vec3; 3] {
+    let robot = &plant.robot;
+    let relaxes = 1.0 - (-(plant.step_ns as f64) * 1e-9 / robot.tip_relaxation_s).exp();
+    let mut stiffness = Matrix3::zeros();
+    for place in &plant.units {
+        let cable = Vector3::from(place.position_m) - Vector3::from(robot.workspace_center_m);
+        let pull = cable.normalize();
+        stiffness += pull * pull.transpose() * (plant.cable.axial_stiffness_n / cable.norm());
+    }
+    let eigen = stiffness.symmetric_eigen();
+    let part = eigen
+        .eigenvalues
+        .map(|n_per_m| relaxes.min(1.0 / (1.0 + robot.tip_compliance_m_per_n * n_per_m.max(0.0))));
+    let rows = eigen.eigenvectors * Matrix3::from_diagonal(&part) * eigen.eigenvectors.transpose();
+    rows.transpose().into()
 }
 
 #[cfg(test)]
@@ -428,7 +451,7 @@ mod tests {
 
     #[test]
     fn velocity_is_the_derivative_of_position_while_ramping() {
-        let mut tip = Tip::new(&RobotConfig::default(), 2);
+        let mut tip = Tip::new(&PlantConfig::default(), 2);
         let h = 50e-6;
         let mut largest_step = 0.0_f64;
         for i in 0..60_100 {

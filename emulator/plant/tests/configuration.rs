@@ -160,7 +160,8 @@ fn every_accepted_configuration_stays_finite() {
         config.cable.damping_s = corner(1e-5, 5e-3);
         config.load_cell.stiffness_n_per_m = corner(1e3, 1e6);
         config.load_cell.assembly_mass_kg = corner(0.05, 5.0);
-        config.robot.tip_compliance_m_per_n = corner(1e-6, 2e-4);
+        config.robot.tip_compliance_m_per_n = corner(1e-6, 1e-2);
+        config.robot.tip_relaxation_s = corner(1e-3, 10.0);
         let backlash = "kind = \"backlash\"\ngap_m = 0.001\nreel_friction_n = 0.3";
         if case % 4 == 0 {
             config.effects.push(toml::from_str(backlash).unwrap());

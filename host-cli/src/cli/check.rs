@@ -10,6 +10,10 @@ use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+/// Tension past the setpoint with which a command at zero counts as too much, N
+/// (`control/src/plausible.rs`).
+const AT_LIMIT_N: f64 = 0.3;
+
 /// Arguments of `check`.
 #[derive(Debug, Args)]
 pub struct Check {
@@ -53,8 +57,24 @@ impl Check {
              {ny} {pz} {nz} N",
             found.poses
         );
+        let held_n = rig.units.map(|unit| unit.held_by_friction_n());
+        let too_much = rig
+            .units
+            .iter()
+            .zip(held_n)
+            .filter(|(unit, held_n)| unit.enabled && *held_n > unit.tension_min_n + AT_LIMIT_N);
+        for (unit, held_n) in too_much {
+            row!(
+                text,
+                "unit {}: friction alone holds {held_n:.2} N, more than tension_min_n = {} N; where the robot pulls the cable out, \
+                 the motor can't make it less, and the board gives the unit up (fault 46). Give {:.1} or more",
+                unit.number,
+                unit.tension_min_n,
+                (10.0 * held_n).ceil() / 10.0
+            );
+        }
         let json = json!({
-            "file": file, "name": rig.name, "hash": rig.hash(), "rig": rig, "feasibility": found
+            "held_by_friction_n": held_n, "file": file, "name": rig.name, "hash": rig.hash(), "rig": rig, "feasibility": found
         });
         Ok(Reply::new(text, json))
     }

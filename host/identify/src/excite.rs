@@ -70,7 +70,7 @@ pub fn excite(
     match result {
         Ok(()) => {
             observer.progress(Phase::Disarm, 0.0);
-            if let Err(error) = run::ramp_down_and_disarm(&mut session) {
+            if let Err(error) = run::ramp_down_and_disarm(&mut session, &prepared.available) {
                 session.make_safe();
                 return Err(error.into());
             }

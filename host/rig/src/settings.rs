@@ -278,6 +278,13 @@ impl RippleSettings {
 }
 
 impl UnitSettings {
+    /// Tension that friction holds at a command of zero while the robot pulls the cable out, N. A
+    /// motor can't push: no setpoint below it is reached then.
+    #[must_use]
+    pub fn held_by_friction_n(&self) -> f64 {
+        (self.friction_offset_n + self.coulomb_n).max(0.0)
+    }
+
     /// As the board is told. The zero in force is taken at each start; the rig file's is what it is
     /// compared with.
     #[must_use]

@@ -93,6 +93,11 @@ impl<'a> Hold<'a> {
         self.t0_ns.is_some()
     }
 
+    /// Units that still take part.
+    pub(super) const fn available(&self) -> &[bool; UNITS] {
+        &self.available
+    }
+
     /// Arms, tensions, holds. `true`: ended early from outside.
     pub(super) fn run(&mut self, session: &mut Session<'_>) -> Result<bool, RunError> {
         check_stop(&self.options.stop)?;

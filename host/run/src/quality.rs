@@ -19,7 +19,6 @@ use rig::Rig;
 use serde::Serialize;
 use session::inject;
 use session::TimedSample;
-use std::fmt::Write as _;
 use wire::message::flags;
 use wire::UNITS;
 
@@ -33,6 +32,9 @@ pub const MOST_RMS_N: f64 = 2.0 * SETTLED_WITHIN_N;
 pub const MOST_SATURATED: f64 = 0.05;
 /// Difference between a cable's true and its measured tension that is named as a cause, N.
 const MEASURED_WRONG_N: f64 = 0.3;
+/// Part of the force error that a cable's own error has to be to be named as its cause: less of it
+/// can't make up the rest, since no cable acts on the tip with more than its tension.
+const CAUSES: f64 = 0.5;
 /// Distance from the largest setpoint at which a setpoint counts as being there, N.
 const AT_LIMIT_N: f64 = 1e-3;
 
@@ -276,21 +278,49 @@ impl Evidence<'_> {
             ),
             Some(_) => return None,
         };
-        let why = limit.map_or_else(|| self.furthest_cable(), |limit| Some(limit.to_owned()));
+        // A loop that swings reaches limits as well: they are no cause then.
+        let why = self
+            .swinging_cable()
+            .or_else(|| limit.map(str::to_owned))
+            .or_else(|| self.furthest_cable());
         Some(Shortfall::new(
             kind,
             why.map_or_else(|| what.clone(), |why| format!("{what}; {why}")),
         ))
     }
 
-    /// The cable that explains an error best.
+    /// What was recorded while the force was steady.
+    fn steady(&self) -> Vec<&Step> {
+        let steps = self.steps.iter();
+        steps.filter(|step| step.t_s >= STEADY_AFTER_S).collect()
+    }
+
+    /// The cable whose tension swings most, where that makes a good part of the error.
+    fn swinging_cable(&self) -> Option<String> {
+        let metrics = self.metrics?;
+        let i = largest(metrics.tension_rms_n)?;
+        let steady = self.steady();
+        let error_n = steady.iter().map(|step| {
+            (
+                step.t_s,
+                step.measured_tension_n[i] - step.tension_setpoint_n[i],
+            )
+        });
+        let hz = swing_hz(error_n)
+            .filter(|_| metrics.tension_rms_n[i] > CAUSES * metrics.tip_force_rms_n)?;
+        Some(format!(
+            "cable {} is furthest from its setpoint, {:.2} N RMS, and swings {hz:.1} times a second, as loops do on a robot \
+             that gives way under its cables, with a late drive, or with gains that are too high \
+             (docs/architecture.md, `A robot that gives way`)",
+            i + 1,
+            metrics.tension_rms_n[i]
+        ))
+    }
+
+    /// The cable that explains an error best, or that none does.
     fn furthest_cable(&self) -> Option<String> {
         let metrics = self.metrics?;
-        let steady: Vec<&Step> = self
-            .steps
-            .iter()
-            .filter(|step| step.t_s >= STEADY_AFTER_S)
-            .collect();
+        let steady = self.steady();
         // How much more tension a cable has than its unit measures.
         let hidden_n: Option<[f64; UNITS]> = steady
             .iter()
@@ -305,11 +335,9 @@ impl Evidence<'_> {
                     sum / pairs.len().max(1) as f64
                 })
             });
-        let largest = |values: [f64; UNITS]| {
-            (0..UNITS).max_by(|a, b| values[*a].abs().total_cmp(&values[*b].abs()))
-        };
+        let causes = |error_n: f64| error_n.abs() > CAUSES * metrics.tip_force_rms_n;
         if let Some((i, n)) = hidden_n.and_then(|n| largest(n).map(|i| (i, n[i]))) {
-            if n.abs() > MEASURED_WRONG_N {
+            if n.abs() > MEASURED_WRONG_N && causes(n) {
                 return Some(format!(
                     "cable {} has {:.2} N {} than unit {} measures, so the unit's zero or scale is wrong",
                     i + 1,
@@ -320,26 +348,22 @@ impl Evidence<'_> {
             }
         }
         let i = largest(metrics.tension_rms_n)?;
-        let mut text = format!(
-            "cable {} is furthest from its setpoint, {:.2} N RMS",
-            i + 1,
-            metrics.tension_rms_n[i]
-        );
-        let error_n = steady.iter().map(|step| {
-            (
-                step.t_s,
-                step.measured_tension_n[i] - step.tension_setpoint_n[i],
+        let (number, error_n) = (i + 1, metrics.tension_rms_n[i]);
+        Some(if causes(error_n) {
+            format!("cable {number} is furthest from its setpoint, {error_n:.2} N RMS")
+        } else {
+            format!(
+                "the cables follow their setpoints (cable {number} is furthest, {error_n:.2} N RMS), so it is not in one cable: \
+                 the command may change slowly (`slew_n_per_s` of the controller), units may not stand where the rig file says, \
+                 or something else loads the tip"
             )
-        });
-        if let Some(hz) = swing_hz(error_n.clone()) {
-            let _ = write!(
-                text,
-                ", and swings {hz:.1} times a second, as loops do on a robot that gives way under its cables, with a late \
-                 drive, or with gains that are too high (docs/architecture.md, `A robot that gives way`)"
-            );
-        }
-        Some(text)
+        })
     }
+}
+
+/// Which of the values is largest in size.
+fn largest(values: [f64; UNITS]) -> Option<usize> {
+    (0..UNITS).max_by(|a, b| values[*a].abs().total_cmp(&values[*b].abs()))
 }
 
 /// Slowest swing of a tension loop, Hz: below it the robot's own motion may repeat.

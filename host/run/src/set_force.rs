@@ -77,7 +77,7 @@ pub fn hold_force(
         // The board is still driving as it should.
         Ok(_) | Err(RunError::UnitLost(_)) => {
             hold.observer.progress(Phase::Disarm, 0.0);
-            ramp_down_and_disarm(&mut session)
+            ramp_down_and_disarm(&mut session, hold.available())
         }
         Err(_) => {
             session.make_safe();

@@ -83,7 +83,7 @@ pub fn hold_tensions(
     match held {
         Ok(held) => {
             begin(&mut session, observer, Phase::Disarm);
-            if let Err(error) = ramp_down_and_disarm(&mut session) {
+            if let Err(error) = ramp_down_and_disarm(&mut session, &prepared.available) {
                 session.make_safe();
                 return Err(error.into());
             }

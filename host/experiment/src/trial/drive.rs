@@ -72,10 +72,12 @@ impl Run<'_> {
         };
         path.end(&mut session);
         self.log.progress(Phase::Disarm, 0.0);
-        self.shown.disarmed = ramp_down_and_disarm(&mut session).is_ok();
+        let disarmed = ramp_down_and_disarm(&mut session, &prepared.available);
+        self.shown.disarmed = disarmed.is_ok();
         if !self.shown.disarmed {
             session.make_safe();
         }
+        let ended = ended.and_then(|()| disarmed.map_err(|error| End::Stopped(error.to_string())));
         let state = match (&ended, self.shown.disarmed) {
             (Err(End::Stopped(_)), _) | (_, false) => Operating::Fault,
             _ => Operating::Disabled,

@@ -169,7 +169,11 @@ impl<'c, 't> Section<'c, 't> {
         default: f64,
     ) -> Found<f64> {
         if self.get(key).is_some() {
-            let example = format!("{}", range.end());
+            let example = if range.contains(&default) {
+                format!("{default}")
+            } else {
+                format!("{}", range.start())
+            };
             return self.number(key, range, &example);
         }
         Found {

@@ -215,3 +215,32 @@ fn a_file_without_an_enabled_unit_names_the_line() {
     let one = text.replacen("number = 3 ", "enabled = true\nnumber = 3 ", 1);
     Rig::parse("rig.toml", &one).unwrap();
 }
+
+/// Who copies the example of a message gets a rig that works.
+#[test]
+fn the_example_of_a_message_is_the_built_in_value() {
+    let mut compared = 0;
+    for line in DEFAULT_TEXT.lines() {
+        let Some((key, rest)) = line.split_once(" = ") else {
+            continue;
+        };
+        let number = |text: &str| text.trim().parse::<f64>().ok();
+        let Some(value) = rest.split('#').next().and_then(number) else {
+            continue;
+        };
+        let text = DEFAULT_TEXT.replacen(line, &format!("{key} = 1e12"), 1);
+        let error = problems(&text).to_string();
+        let Some((_, example)) = error.split_once(&format!("as in `{key} = ")) else {
+            continue;
+        };
+        let example = example.split('`').next().and_then(number).unwrap();
+        // What need not be there is shown switched off.
+        let off = example == 0.0 && line.contains("off unless given");
+        assert!(
+            off || (example - value).abs() <= 1e-3 * value.abs(),
+            "{line}: {error}"
+        );
+        compared += 1;
+    }
+    assert!(compared > 20, "{compared}");
+}

@@ -226,14 +226,14 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
         tension_min_n: tension_min.value,
         tension_max_n: tension_max.value,
         filter: read_filter(section),
-        spike_limit_n: n("spike_limit_n", &field::SPIKE_LIMIT, "1.5").value,
-        kp: n("kp", &field::KP, "1.0").value,
+        spike_limit_n: n("spike_limit_n", &field::SPIKE_LIMIT, "1.0").value,
+        kp: n("kp", &field::KP, "0.3").value,
         ki_per_s: n("ki_per_s", &field::KI, "20.0").value,
         leaky_ki_per_s: section
             .optional("leaky_ki_per_s", field::LEAKY_KI.range(), 0.0)
             .value,
         kd_s: n("kd_s", &field::KD, "0.0").value,
-        damping_n_s_per_m: n("damping_n_s_per_m", &field::DAMPING, "60.0").value,
+        damping_n_s_per_m: n("damping_n_s_per_m", &field::DAMPING, "110.0").value,
         friction_feedforward: section.flag("friction_feedforward", None),
         friction_offset_n: n("friction_offset_n", &field::OFFSET, "0.155").value,
         friction_gain: n("friction_gain", &field::GAIN, "1.018").value,
