@@ -26,12 +26,30 @@ pub fn ramp_down_and_disarm(
     session: &mut Session<'_>,
     available: &[bool; UNITS],
 ) -> Result<(), SessionError> {
+    disarm(session)?;
+    let until_ns = session.now_ns() + WATCHED.as_nanos() as u64;
+    loop {
+        if let Some(fault) = fault_of(session.get_status()?, available) {
+            return Err(SessionError::Fault(fault));
+        }
+        if session.now_ns() >= until_ns {
+            return Ok(());
+        }
+        session.exchange(PERIOD)?;
+    }
+}
+
+/// The same without the watch: a load hangs on the cables.
+pub(crate) fn disarm(session: &mut Session<'_>) -> Result<(), SessionError> {
     session.command(&Command::Disarm)?;
     session.set_setpoints(None);
     let mut patience = Patience::new(DISARM_TIMEOUT, session.now_ns());
     loop {
         let status = session.get_status()?;
         if SystemState::from_u8(status.state).is_some_and(|state| !state.drives()) {
+            if status.fault != 0 {
+                return Err(SessionError::Fault(LatchedFault::of_board(&status)));
+            }
             break;
         }
         if patience.is_over(session.now_ns(), Some(status.t_us)) {
@@ -40,16 +58,6 @@ pub fn ramp_down_and_disarm(
                 DISARM_TIMEOUT.as_secs(),
                 system_state_name(status.state)
             )));
-        }
-        session.exchange(PERIOD)?;
-    }
-    let until_ns = session.now_ns() + WATCHED.as_nanos() as u64;
-    loop {
-        if let Some(fault) = fault_of(session.get_status()?, available) {
-            return Err(SessionError::Fault(fault));
-        }
-        if session.now_ns() >= until_ns {
-            break;
         }
         session.exchange(PERIOD)?;
     }

@@ -27,6 +27,9 @@ pub struct Options {
     pub injections: Vec<(f64, Injection)>,
     /// Where the zeros come from.
     pub zeroing: Zeroing,
+    /// Whether a load hangs on the cables at the end as well. They don't let go under it at 0 V, so
+    /// that the faults that this makes (15) are not the run's.
+    pub loaded: bool,
     /// Set from outside to end the run early; the rig is then disarmed as at the end.
     pub stop: Arc<AtomicBool>,
 }
@@ -41,6 +44,7 @@ impl Options {
             robot_moves: true,
             injections: Vec::new(),
             zeroing: Zeroing::default(),
+            loaded: false,
             stop: Arc::default(),
         }
     }

@@ -1,7 +1,7 @@
 //! A force at the tip, from the first argument to the last figure.
 
 use crate::checks::{check_arguments, require_feasible};
-use crate::disarm::ramp_down_and_disarm;
+use crate::disarm::{disarm, ramp_down_and_disarm};
 use crate::error::RunError;
 use crate::hold::Hold;
 use crate::options::{Options, PRETENSION_S, ROBOT_START_S};
@@ -77,7 +77,11 @@ pub fn hold_force(
         // The board is still driving as it should.
         Ok(_) | Err(RunError::UnitLost(_)) => {
             hold.observer.progress(Phase::Disarm, 0.0);
-            ramp_down_and_disarm(&mut session, hold.available())
+            if options.loaded {
+                disarm(&mut session)
+            } else {
+                ramp_down_and_disarm(&mut session, hold.available())
+            }
         }
         Err(_) => {
             session.make_safe();

@@ -60,6 +60,7 @@ impl Check {
                 vec![(floating::LET_GO_S, Injection::HangOnTip(n))]
             }),
             zeroing: self.connection.zeroing(),
+            loaded: true,
             stop: context.interrupt.flag(),
             ..Options::new(commanded_n, self.duration)
         };
@@ -71,6 +72,10 @@ impl Check {
         watch.progress.done();
         let outcome = outcome?;
         let found = floating::at_rest(&rig, force_n, &outcome.steps, &samples)?;
+        context.output.note(
+            "take the weight off the cables: while it hangs there, a cable that stays tight at 0 V is fault 15 to the board; then \
+             `forcectl clear`",
+        );
         self.judge_tip(bench, &rig, options, &found, context)
     }
 

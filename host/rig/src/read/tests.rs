@@ -234,6 +234,9 @@ fn the_example_of_a_message_is_the_built_in_value() {
             continue;
         };
         let example = example.split('`').next().and_then(number).unwrap();
+        if key == "number" {
+            continue;
+        }
         // What need not be there is shown switched off.
         let off = example == 0.0 && line.contains("off unless given");
         assert!(
