@@ -54,8 +54,10 @@ pub struct Outcome {
     pub estimates: Vec<Estimate>,
     /// How many of the true effects were named.
     pub hits: usize,
-    /// How many effects were named that are not there.
+    /// How many effects were named that are not there, nor in a group with one that is.
     pub extra: usize,
+    /// How many effects were named that are not there, in a group with one that is: *A or B*.
+    pub grouped: usize,
     /// Held-out RMSE of the final model, in newtons.
     pub rmse: f64,
     /// RMSE with the true effects removed, in newtons.
@@ -193,6 +195,7 @@ pub fn evaluate(case: &Case) -> Result<Outcome, String> {
             estimates.extend(judge::estimates(truth, found));
         }
     }
+    let grouped = judge::grouped(&report, &case.kinds);
     Ok(Outcome {
         case: case.clone(),
         class: judge::class(&report, &case.kinds, uncatalogued),
@@ -218,7 +221,8 @@ pub fn evaluate(case: &Case) -> Result<Outcome, String> {
             .collect(),
         estimates,
         hits,
-        extra: report.effects.len() - hits,
+        extra: report.effects.len() - hits - grouped,
+        grouped,
         rmse: report.last.heldout_rmse,
         oracle: set.truth.noise_rms_n,
         ratio: set.truth.effect_rms_n / set.truth.noise_rms_n,

@@ -46,6 +46,24 @@ fn among(kind: Kind, names: &[EffectKind]) -> bool {
     names.iter().any(|name| *name == kind.name())
 }
 
+/// How many effects of a report are none of the kinds in the set, but are given as *A or B* with one
+/// of them that the report does not name by itself.
+#[must_use]
+pub fn grouped(report: &Report, kinds: &[Kind]) -> usize {
+    let named = |kind: &Kind| {
+        let mut all = report.effects.iter();
+        all.any(|e| is(*kind, e.name, e.form_kind))
+    };
+    let missing: Vec<Kind> = kinds.iter().copied().filter(|k| !named(k)).collect();
+    let wrong = |e: &&Effect| !kinds.iter().any(|kind| is(*kind, e.name, e.form_kind));
+    let all = report.effects.iter().filter(wrong);
+    all.filter(|e| {
+        let others = report.others(e.name).concat();
+        missing.iter().any(|kind| among(*kind, &others))
+    })
+    .count()
+}
+
 /// Compares a report with the kinds that are in the set.
 #[must_use]
 pub fn class(report: &Report, kinds: &[Kind], uncatalogued: bool) -> Class {

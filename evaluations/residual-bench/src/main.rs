@@ -115,7 +115,7 @@ fn run(options: &Options) -> Result<ExitCode, String> {
     if options.list {
         for o in outcomes
             .iter()
-            .filter(|o| o.class != Class::Right || o.extra > 0)
+            .filter(|o| o.class != Class::Right || o.extra + o.grouped > 0)
         {
             println!(
                 "{:?} {} x{} seed {} {:?}: {} [{}] or [{}] left [{}] rmse/oracle {:.4}",

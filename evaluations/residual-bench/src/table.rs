@@ -200,6 +200,13 @@ pub fn rates(all: &[Outcome]) -> Vec<Rate> {
             Target::AtMost(0.02),
         ),
         share(
+            "... or in *A or B* with one that is",
+            all.iter()
+                .filter(|o| !matches!(o.case.group, Group::Impure | Group::Uncatalogued)),
+            |o| o.grouped > 0 && !o.finds_a_wrong_one(),
+            Target::None,
+        ),
+        share(
             "false alarms on empty sets",
             group(Group::Empty),
             |o| o.class != Class::Right,

@@ -82,14 +82,19 @@ impl Effect for CableStretch {
             let rows = (MOST_ROWS * ctx.dt).min(ctx.span / 8.0);
             let motion = (LONGEST * ctx.changes_in(&ctx.load)).min(ctx.span / 4.0);
             let grid = Context::grid_by_ratio(0.03 * ctx.dt, rows.max(motion), FURTHER);
-            out.push(
-                Variant::profiled(
-                    "lag of the command",
-                    Psi::new("time_constant", "s", grid),
-                    |tau| Build::Swap(vec![("command".into(), format!("lowpass(command, {tau})"))]),
-                )
-                .form(Form::CommandLag),
-            );
+            let mut lag = |label: &str, function: &'static str| {
+                let psi = Psi::new("time_constant", "s", grid.clone());
+                let form = Variant::profiled(label, psi, move |tau| {
+                    let late = format!("{function}(command, {tau})");
+                    Build::Swap(vec![("command".into(), late)])
+                });
+                out.push(form.form(Form::CommandLag));
+            };
+            lag("lag of the command", "lowpass");
+            if ctx.is_stepped("command") {
+                let label = "lag of the command, which is held between rows";
+                lag(label, "lowpass_held");
+            }
         }
         if ctx.spec.roles.angle.is_some() && !declared.iter().any(|d| d == "angle") {
             let angle = angle_along(ctx, "angle");

@@ -15,6 +15,11 @@ const MOST_LOST: f64 = 1.25;
 /// frequency).
 const WINDOW: f64 = 1.5;
 
+/// Energy of fourth differences over that of second ones above which a column changes in steps. It
+/// is 10 for single steps, 12 for white noise, and below 1 where rows resolve the motion but for
+/// some corners.
+const STEPPED: f64 = 2.0;
+
 /// Squares of the rows' distances from the middle of a slope over 2 `half` + 1 rows, summed.
 fn spread(half: f64) -> f64 {
     half * (half + 1.0) * (2.0 * half + 1.0) / 3.0
@@ -425,6 +430,23 @@ impl Context<'_> {
                 !["time", "elapsed", "file"].contains(&n.as_str()) && self.range(n).is_some()
             })
             .collect()
+    }
+
+    /// Whether a column changes in steps from row to row, so that what it is between two rows is
+    /// not on the straight line between them.
+    pub fn is_stepped(&self, column: &str) -> bool {
+        let frame = &self.problem.frame;
+        let Some(values) = frame.column(column) else {
+            return false;
+        };
+        let (mut second, mut fourth) = (0.0, 0.0);
+        for run in frame.sequences() {
+            for w in values[run.clone()].windows(5) {
+                second += (w[1] - 2.0 * w[2] + w[3]).powi(2);
+                fourth += (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).powi(2);
+            }
+        }
+        fourth > STEPPED * second
     }
 
     /// Time in which an expression changes by its own size (for a sine a radian of its period); 0

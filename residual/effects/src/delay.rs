@@ -78,6 +78,13 @@ impl Effect for Delay {
             out.push(Variant::profiled("of the command", psi(), |s| {
                 Build::Swap(vec![("command".into(), format!("delay(command, {s})"))])
             }));
+            if ctx.is_stepped("command") {
+                let label = "of the command, which is held between rows";
+                out.push(Variant::profiled(label, psi(), |s| {
+                    let late = format!("delay_held(command, {s})");
+                    Build::Swap(vec![("command".into(), late)])
+                }));
+            }
         }
         if ctx.columns.iter().any(|n| n != "command") {
             // Everything: effects that are found later are as late.

@@ -29,6 +29,18 @@ impl Effect for GravityAngle {
         let mut all = ctx.angles().into_iter().chain(sums(ctx));
         too_short(&all.find(|(n, ..)| n == e.label)?)
     }
+    fn of_any_order(&self, form: &Variant, _: f64, ctx: &Context) -> Option<Variant> {
+        let mut all = ctx.angles().into_iter().chain(sums(ctx));
+        let (_, q, _) = all.find(|(name, ..)| *name == form.label)?;
+        let unit = ctx.unit().to_string();
+        let build = move |order: f64| {
+            let piece = |name: &str, f: &str| {
+                Piece::new(name, unit.clone(), format!("{f}({order} * ({q}))"))
+            };
+            Build::Add(vec![piece("sine", "sin"), piece("cosine", "cos")])
+        };
+        Some(Variant::profiled("of any order", any_order(), build))
+    }
     fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
         let all = ctx.angles().into_iter().chain(sums(ctx));
         let own = all.filter(|(n, ..)| *n == form.label);
@@ -63,24 +75,16 @@ impl Effect for GravityAngle {
     }
 }
 
-/// Orders of ripples that may look like a weight over a part of a turn.
+/// Lowest and highest order of a ripple that may look like a weight over a part of a turn.
 const ORDERS: [f64; 2] = [0.3, 3.0];
 
-/// The form of a weight over the angle of that label with any order, as a ripple has: a weight has
-/// order 1. `None` where the label is that of no angle.
-#[must_use]
-pub fn weight_of_any_order(label: &str, ctx: &Context) -> Option<Variant> {
-    let mut all = ctx.angles().into_iter().chain(sums(ctx));
-    let (_, q, _) = all.find(|(name, ..)| name == label)?;
-    let unit = ctx.unit().to_string();
-    let grid = Context::log_grid(ORDERS[0], ORDERS[1], 25);
-    let build = move |order: f64| {
-        let piece =
-            |name: &str, f: &str| Piece::new(name, unit.clone(), format!("{f}({order} * ({q}))"));
-        Build::Add(vec![piece("sine", "sin"), piece("cosine", "cos")])
-    };
-    let order = Psi::new("order", "1/turn", grid);
-    Some(Variant::profiled("of any order", order, build))
+/// The orders of ripples that may look like what turns with an angle as a weight does.
+pub(super) fn any_order() -> Psi {
+    Psi::new(
+        "order",
+        "1/turn",
+        Context::log_grid(ORDERS[0], ORDERS[1], 25),
+    )
 }
 
 /// Standard errors by which a weight must predict worse than a line or a curve over an angle to be

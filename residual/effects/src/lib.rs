@@ -43,7 +43,6 @@ mod viscous;
 pub use angle_friction::sector_of;
 pub use context::Context;
 pub use estimate::Estimate;
-pub use gravity_angle::weight_of_any_order;
 pub use kind::{EffectKind, Form};
 pub use kind::{Found, Friction, Remedy, Setting};
 pub use tone::lines_of_inputs;
@@ -148,6 +147,11 @@ pub trait Effect: Sync {
     /// Expression of the variable that exposes the effect, for plots.
     fn against(&self, ctx: &Context) -> String {
         ctx.load.clone()
+    }
+    /// A chosen form at the value of its nonlinear parameter, with the sine and cosine of any order
+    /// of its angle, as a ripple has; `None` where it has none. A weight and a cosine have order 1.
+    fn of_any_order(&self, _form: &Variant, _psi: f64, _ctx: &Context) -> Option<Variant> {
+        None
     }
     /// Expressions of the variables that can expose one of its forms. The plot takes the one that
     /// shows the most.

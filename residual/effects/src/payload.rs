@@ -1,6 +1,6 @@
 //! A mass that the model does not know: its weight and its inertia belong together.
 
-use super::gravity_angle::{joints, sum, too_short, turns_little, Angle};
+use super::gravity_angle::{any_order, joints, sum, too_short, turns_little, Angle};
 use super::{
     coefficients_alone, Build, Context, Effect, EffectKind, Estimate, Nature, Piece, Psi, Variant,
 };
@@ -17,6 +17,23 @@ impl Effect for Payload {
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         e.outside("mass", 0.0, f64::INFINITY, "a mass is not negative")
             .or_else(|| turning(ctx, e.label).iter().find_map(too_short))
+    }
+    fn of_any_order(&self, form: &Variant, psi: f64, ctx: &Context) -> Option<Variant> {
+        let mut single = ctx.angles().into_iter();
+        let (_, q, _) = single.find(|(name, ..)| form.label == mass_on(name))?;
+        let slope = ctx.slopes(ctx.velocity.as_ref()?).text(psi);
+        let (unit, per) = (ctx.unit().to_string(), acceleration_unit(ctx));
+        let build = move |order: f64| {
+            let weight = |name: &str, f: &str| {
+                Piece::new(name, unit.clone(), format!("{f}({order} * ({q}))"))
+            };
+            Build::Add(vec![
+                weight("weight_sine", "sin"),
+                weight("weight_cosine", "cos"),
+                Piece::new("inertia", per.clone(), slope.clone()),
+            ])
+        };
+        Some(Variant::profiled("of any order", any_order(), build))
     }
     fn axes(&self, form: &Variant, psi: f64, ctx: &Context) -> Vec<String> {
         let own = turning(ctx, &form.label).into_iter();
@@ -72,11 +89,7 @@ impl Effect for Payload {
                 continue;
             }
             let (name, q, _) = own;
-            let (slopes, unit, per) = (
-                slopes.clone(),
-                unit.clone(),
-                ctx.per(&format!("{}/s", ctx.velocity_unit())),
-            );
+            let (slopes, unit, per) = (slopes.clone(), unit.clone(), acceleration_unit(ctx));
             out.push(
                 Variant::profiled(&mass_on(&name), widths(), move |n| {
                     Build::Add(vec![
@@ -92,7 +105,7 @@ impl Effect for Payload {
         }
         out.extend(ends_of_arms(ctx).into_iter().map(|arm| {
             let (slopes, unit) = (slopes.clone(), unit.clone());
-            let own_per = ctx.per(&format!("{}/s", ctx.velocity_unit()));
+            let own_per = acceleration_unit(ctx);
             let other_per = ctx.per("rad/s/s");
             let label = mass_on_both(&arm.angle.0, &arm.sum.0);
             let (q, sum, other) = (arm.angle.1, arm.sum.1, arm.other.1);
@@ -156,6 +169,11 @@ fn turning(ctx: &Context, label: &str) -> Vec<Angle> {
     let own = single.filter(|(name, ..)| label == mass_on(name));
     own.chain(both.flat_map(|arm| [arm.angle, arm.sum]))
         .collect()
+}
+
+/// The unit of a coefficient of the acceleration.
+fn acceleration_unit(ctx: &Context) -> String {
+    ctx.per(&format!("{}/s", ctx.velocity_unit()))
 }
 
 /// The form of a mass at the end of an arm whose links turn with an angle and a sum.

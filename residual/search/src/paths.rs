@@ -268,7 +268,7 @@ impl Search<'_> {
     }
 
     /// By how many standard errors a model predicts worse than another, block by block.
-    fn worse(&self, new: &Fitted, old: &Fitted) -> f64 {
+    pub(super) fn worse(&self, new: &Fitted, old: &Fitted) -> f64 {
         let losses = |f: &Fitted| -> Vec<f64> {
             let of = |rows: &std::ops::Range<usize>| {
                 f.fit.held[rows.clone()].iter().map(|r| r * r).sum()

@@ -20,6 +20,9 @@ const SLOW: f64 = 0.01;
 /// sensor.
 pub const RANDOM_WALK: f64 = 0.1;
 
+/// Standard errors from which on a difference of two errors, block by block, is steady.
+pub const STEADY: f64 = 2.5;
+
 /// Difference of two gains that may be rounding.
 const SAME_GAIN: f64 = 1e-9;
 
@@ -175,7 +178,7 @@ fn stands_for(simple: &Candidate, best: &Candidate) -> bool {
 }
 
 /// Rivals that the data cannot distinguish from the candidate at `index`: as many parameters, the
-/// same curve, no steady difference.
+/// same curve, no error that is steadily larger.
 pub fn indistinguishable(scan: &Scan, step: &Step, index: usize) -> Vec<EffectRef> {
     let w = &step.ranked[index];
     let own = scan.contribution(w);
@@ -188,7 +191,7 @@ pub fn indistinguishable(scan: &Scan, step: &Step, index: usize) -> Vec<EffectRe
         .filter(|(i, c)| *i != index && c.parameters <= w.parameters && c.gain > 0.0)
         .filter(|(_, c)| {
             (c.held - w.held).abs() < 0.05 * (w.base - w.held)
-                && t_statistic(&c.losses, &w.losses).abs() < 2.5
+                && t_statistic(&c.losses, &w.losses) < STEADY
         })
         .filter(|(_, c)| !same_formula(w, c))
         .filter(|(_, c)| similarity(&own, &scan.contribution(c)) > 0.98)

@@ -2,7 +2,7 @@
 
 use super::{without, Rival, Search, Standing};
 use crate::model::{Chosen, Fitted};
-use crate::ranking::{indistinguishable, Step};
+use crate::ranking::{indistinguishable, Step, STEADY};
 use crate::scan::Candidate;
 use residual_columns::error::Error;
 use residual_columns::progress::Progress;
@@ -36,7 +36,8 @@ impl Search<'_> {
     }
 
     /// The effects with the winner of a step in the place of `own`, if it predicts better, or is
-    /// simpler and predicts nearly as well.
+    /// simpler and predicts nearly as well. With no more parameters a small difference decides if it
+    /// is steady: `own` was chosen when other effects were still missing.
     fn replacement(
         &self,
         own: &Chosen,
@@ -59,8 +60,15 @@ impl Search<'_> {
         } else {
             0.99
         };
+        let as_simple = form.parameters() <= own.parameters();
         other.push(form);
-        let better = !same && self.rmse(&other)? < current * factor;
+        let fitted = self.fit(&other)?;
+        let steadily = || -> Result<bool, Error> {
+            let mut with_own = rest.to_vec();
+            with_own.push(own.clone());
+            Ok(as_simple && self.worse(&fitted, &self.fit(&with_own)?) < -STEADY)
+        };
+        let better = !same && (fitted.rmse() < current * factor || steadily()?);
         if better {
             self.prune(&mut other)?;
         }

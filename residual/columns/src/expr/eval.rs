@@ -212,11 +212,13 @@ impl Expr {
                 let s = constant(1)?;
                 memory::resample(&x, frame, |t, _| t - s)
             }
+            Func::DelayHeld => memory::delay_held(frame, &x, constant(1)?),
             Func::Warp => {
                 let r = constant(1)?;
                 memory::resample(&x, frame, |t, t0| t0 + (t - t0) * (1.0 + r))
             }
             Func::Lowpass => memory::lag(frame, x.into_owned(), positive(1)?, true),
+            Func::LowpassHeld => memory::lag_held(frame, x.into_owned(), positive(1)?),
             Func::Charge => memory::lag(frame, x.into_owned(), positive(1)?, false),
             Func::Play => memory::play(frame, x.into_owned(), positive(1)? / 2.0),
             Func::Stop => memory::stop(frame, x.into_owned(), positive(1)? / 2.0),

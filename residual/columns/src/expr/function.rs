@@ -39,8 +39,10 @@ functions! {
     Deriv "deriv" 2 "deriv(x, n): time derivative, straight line over 2n+1 rows";
     Integ "integ" 1 "time integral from the start of the sequence (trapezoid)";
     Delay "delay" 2 "delay(x, s): x as it was s seconds ago (linear between rows; ends held)";
+    DelayHeld "delay_held" 2 "delay_held(x, s): the same where the steps of x from row to row are held between rows";
     Warp "warp" 2 "warp(x, r): x read at time t0 + (t - t0)(1 + r), t0 the start of the sequence";
     Lowpass "lowpass" 2 "lowpass(x, tau): first-order lag, starting in equilibrium";
+    LowpassHeld "lowpass_held" 2 "lowpass_held(x, tau): the same where the steps of x from row to row are held between rows";
     Charge "charge" 2 "charge(x, tau): first-order lag, starting at zero";
     Play "play" 2 "play(x, w): backlash operator of total width w";
     Stop "stop" 2 "stop(x, w): elastic-plastic operator, x - play(x, w), between -w/2 and w/2";

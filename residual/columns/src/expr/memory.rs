@@ -158,6 +158,92 @@ pub(super) fn lag(frame: &Frame, v: Vec<f64>, tau: f64, settled: bool) -> Vec<f6
     )
 }
 
+/// The part of values that is smooth from row to row: two lags of a row each, with what they lose
+/// of a ramp put back. The rest is steps of single rows.
+#[derive(Clone, Copy)]
+struct Smooth {
+    last: f64,
+    once: f64,
+    twice: f64,
+}
+
+impl Smooth {
+    fn first(x: f64) -> Smooth {
+        Smooth {
+            last: x,
+            once: x,
+            twice: x,
+        }
+    }
+
+    /// The smooth part of the next row.
+    fn next(&mut self, x: f64) -> f64 {
+        let (a, mean) = decay(1.0);
+        let once = self.once * a + self.last * (mean - a) + x * (1.0 - mean);
+        self.twice = self.twice * a + self.once * (mean - a) + once * (1.0 - mean);
+        (self.last, self.once) = (x, once);
+        2.0 * once - self.twice
+    }
+}
+
+/// First-order lag from the first value. Exact for an input whose smooth part is a straight line
+/// between rows, and whose steps act from one row up to the next, in which they are.
+pub(super) fn lag_held(frame: &Frame, v: Vec<f64>, tau: f64) -> Vec<f64> {
+    along(
+        frame,
+        v,
+        |x| ((Smooth::first(x), x, [x, 0.0]), x),
+        |(smooth, last, y), x, dt| {
+            let (a, mean) = decay(dt.max(0.0) / tau);
+            let slow = smooth.next(x);
+            y[0] = y[0] * a + *last * (mean - a) + slow * (1.0 - mean);
+            y[1] = y[1] * a + (x - slow) * (1.0 - a);
+            *last = slow;
+            y[0] + y[1]
+        },
+    )
+}
+
+/// `x` as it was `s` seconds ago, if its smooth part is a straight line between rows, and its steps
+/// act from one row up to the next, in which they are; ends held.
+pub(super) fn delay_held(frame: &Frame, x: &[f64], s: f64) -> Vec<f64> {
+    let smooth = along(
+        frame,
+        x.to_vec(),
+        |x| (Smooth::first(x), x),
+        |smooth, x, _| smooth.next(x),
+    );
+    let late = resample(&smooth, frame, |t, _| t - s);
+    let steps: Vec<f64> = x
+        .iter()
+        .zip(&smooth)
+        .map(|(x, smooth)| x - smooth)
+        .collect();
+    let mut out = reached(&steps, frame, s);
+    parallel::combine(&mut out, &late, |steps, late| *steps += late);
+    out
+}
+
+/// Share of the usual step of time by which a stamp may be off its row.
+const STAMP: f64 = 1e-6;
+
+/// `x` of the first row that is not before the time `s` seconds ago; ends held.
+fn reached(x: &[f64], frame: &Frame, s: f64) -> Vec<f64> {
+    let t = frame.time();
+    let early = s + STAMP * frame.step();
+    let mut out = vec![0.0; x.len()];
+    parallel::each(x.len(), pieces(frame, &mut out), |(range, out)| {
+        let mut j = range.start;
+        for (i, out) in range.clone().zip(out) {
+            while j + 1 < range.end && t[j] < t[i] - early {
+                j += 1;
+            }
+            *out = x[j];
+        }
+    });
+    out
+}
+
 /// exp(-u) and its mean from 0 to `u`, for u >= 0. Rows are close beside most time constants and
 /// distances, so u is small, and a series is much faster than the library's function: its first
 /// term left out is below 1e-16.

@@ -193,6 +193,37 @@ mod tests {
         }
     }
 
+    /// What is smooth is late by the delay or the lag; a step is held until its row.
+    #[test]
+    fn steps_are_held_between_rows() {
+        let n = 200;
+        let t: Vec<f64> = (0..n).map(|i| f64::from(i) * 0.1).collect();
+        let steps: Vec<f64> = (0..n).map(|i| f64::from(i % 2)).collect();
+        let columns = vec![("r".into(), t.clone()), ("x".into(), steps)];
+        let f = Frame::new(columns, t, std::iter::once(0..n as usize).collect());
+        let at = |text: &str, i: usize| Expr::parse(text).unwrap().eval(&f).unwrap()[i];
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
+        for held in ["delay_held(r, 0.25)", "lowpass_held(r, 0.3)"] {
+            let plain = held.replace("_held", "");
+            near(at(held, 150), at(&plain, 150));
+        }
+        // Whole rows are whole rows.
+        for i in 150..154 {
+            near(at("delay_held(x, 0.2)", i), at("x", i - 2));
+            near(at("delay_held(x, 0)", i), at("x", i));
+            near(at("delay_held(x, -0.1)", i), at("x", i + 1));
+        }
+        // Half a row late the straight line is halfway; what is held has not changed so far.
+        near(at("delay(x, 0.05)", 151), 0.5);
+        assert!(at("delay_held(x, 0.05)", 151) > 0.6);
+        assert!(at("lowpass_held(x, 0.05)", 151) > at("lowpass(x, 0.05)", 151) + 0.1);
+        // Other rows of a delay lie between the rows in which a step is held.
+        near(
+            at("delay_held(x, 0.15)", 151),
+            at("delay_held(x, 0.05)", 150),
+        );
+    }
+
     #[test]
     fn mistakes_are_named() {
         for (text, part) in [

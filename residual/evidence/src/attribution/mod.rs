@@ -181,7 +181,7 @@ pub fn attribute(
     let found = &best.now.outcome;
     for index in 0..found.chosen.len() {
         let known = |new: &EqualPath| equal.iter().any(|p| p.effects == new.effects);
-        let ripple = order::ripple_for_weight(search, found, index)?;
+        let ripple = order::ripple_in_place(search, found, index)?;
         equal.extend(ripple.filter(|new| !known(new)));
     }
     Ok(Attributed {

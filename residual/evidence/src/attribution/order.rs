@@ -1,10 +1,10 @@
-//! A weight that may be a ripple: over a part of a turn a ripple of an order near one has its
-//! shape.
+//! A weight, a payload or a cosine error that may be a ripple: over a part of a turn a ripple of an
+//! order near one has their shape.
 
 use super::EqualPath;
 use crate::intervals::parameters;
 use residual_columns::error::Error;
-use residual_effects::{weight_of_any_order, EffectKind};
+use residual_effects::EffectKind;
 use residual_search::model::Chosen;
 use residual_search::{without, Outcome, Search};
 use std::sync::Arc;
@@ -20,19 +20,16 @@ const GAIN: f64 = 10.8;
 /// interval knows nothing of what the rest of the model lacks.
 const HALF_WIDTHS: f64 = 2.0;
 
-/// The ripple that may stand for a weight, if another order than 1 fits better and 1 is none that
-/// it may be.
-pub(super) fn ripple_for_weight(
+/// The ripple that may stand for an effect with the sine and cosine of an angle, if another order
+/// than 1 fits better and 1 is none that it may be.
+pub(super) fn ripple_in_place(
     search: &Search,
     outcome: &Outcome,
     index: usize,
 ) -> Result<Option<EqualPath>, Error> {
     let own = &outcome.chosen[index];
-    if own.effect.kind() != EffectKind::GravityAngle {
-        return Ok(None);
-    }
     let ctx = search.scan_on(&search.declared).context();
-    let Some(free) = weight_of_any_order(&own.variant.label, &ctx) else {
+    let Some(free) = own.effect.of_any_order(&own.variant, own.psi, &ctx) else {
         return Ok(None);
     };
     let fitted = search.fit(&without(&outcome.chosen, index).1)?;
@@ -61,7 +58,7 @@ pub(super) fn ripple_for_weight(
         return Ok(None);
     }
     Ok(Some(EqualPath {
-        effects: vec![EffectKind::GravityAngle],
+        effects: vec![own.effect.kind()],
         instead: vec![EffectKind::PeriodicAngle],
         heldout_rmse: search.rmse(&chosen)?,
     }))

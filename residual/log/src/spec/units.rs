@@ -139,8 +139,10 @@ impl<'a> Reader<'a, '_> {
                 Func::Abs
                 | Func::Clip
                 | Func::Delay
+                | Func::DelayHeld
                 | Func::Warp
                 | Func::Lowpass
+                | Func::LowpassHeld
                 | Func::Charge
                 | Func::Play
                 | Func::Stop

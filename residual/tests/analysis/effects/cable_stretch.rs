@@ -1,6 +1,6 @@
 //! Elasticity in series: the cable stretches before it pulls.
 
-use crate::rig::knowing;
+use crate::rig::{knowing, simulate, Excitation};
 use residual_effects::*;
 
 /// Spring in a model of a motion with this amplitude in rad, the speed counted along the angle or
@@ -61,6 +61,42 @@ fn is_named() {
         y += (s.command - y) * (1.0 - (-s.dt / 0.15f64).exp());
         y - s.command
     });
+}
+
+/// In a closed loop the command is set anew with each row, and held until the next.
+#[test]
+fn of_a_held_command_is_named() {
+    let (tau, x) = (
+        0.05,
+        Excitation {
+            closed: true,
+            ..Excitation::default()
+        },
+    );
+    let mut y = 0.0;
+    let report = simulate(&x, 1.0, &mut |s| {
+        let correction = s.command - s.command_at(s.elapsed);
+        if s.first {
+            y = s.command;
+        }
+        let steps = 20;
+        for k in (0..steps).rev() {
+            let ago = s.dt * f64::from(k) / f64::from(steps);
+            let command = s.command_at(s.elapsed - ago) + correction;
+            y += (command - y) * (1.0 - (-s.dt / f64::from(steps) / tau).exp());
+        }
+        y - s.command
+    });
+    let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+    assert_eq!(names, ["cable_stretch"], "{}", report.markdown());
+    let own = &report.effects[0];
+    assert!(own.form.contains("held"), "{}", report.markdown());
+    assert!(report.others(own.name).is_empty(), "{}", report.markdown());
+    assert!(
+        (own.params["time_constant"] - tau).abs() < 0.003,
+        "{:?}",
+        own.params
+    );
 }
 
 /// Rows may be close beside the motion: a lag of hundreds of rows is looked for then, and no creep

@@ -1,5 +1,6 @@
 //! A delay: of the command, or of the target against all inputs.
 
+use crate::rig::{simulate, Excitation};
 use residual::{analyse, spec::Spec, Data};
 use residual_columns::stats::Rng;
 use residual_effects::{effect, EffectKind};
@@ -69,6 +70,39 @@ fn is_named() {
         }
         line[0] - s.command
     });
+}
+
+/// In a closed loop the command is set anew with each row, and held: a straight line between rows
+/// is then wrong, and a lag is nearer than a delay along it.
+#[test]
+fn of_a_held_command_is_named() {
+    let (late, x) = (
+        0.05,
+        Excitation {
+            closed: true,
+            ..Excitation::default()
+        },
+    );
+    let mut corrections = VecDeque::new();
+    let report = simulate(&x, 1.0, &mut |s| {
+        if s.first {
+            corrections.clear();
+        }
+        corrections.push_front(s.command - s.command_at(s.elapsed));
+        corrections.truncate(3);
+        let correction = corrections.back().unwrap_or(&0.0);
+        s.command_at(s.elapsed - late) + correction - s.command
+    });
+    let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+    assert_eq!(names, ["delay"], "{}", report.markdown());
+    let own = &report.effects[0];
+    assert!(own.form.contains("held"), "{}", report.markdown());
+    assert!(report.others(own.name).is_empty(), "{}", report.markdown());
+    assert!(
+        (own.params["delay"] - late).abs() < 0.002,
+        "{:?}",
+        own.params
+    );
 }
 
 /// Last value of the grid for a command with this angular frequency, in rows 0.02 s apart.

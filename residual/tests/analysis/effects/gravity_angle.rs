@@ -163,51 +163,84 @@ fn a_part_that_stands_has_a_weight_and_no_spring() {
     );
 }
 
+/// One row of a joint that swings over a third of a turn.
+pub struct Swing {
+    pub angle: f64,
+    pub velocity: f64,
+    pub acceleration: f64,
+    pub command: f64,
+}
+
+/// The names that may stand for `found`, which a joint with this target must have; of the catalogue
+/// there are `only` these.
+pub fn others(
+    found: EffectKind,
+    only: &[&str],
+    term: &str,
+    target: impl Fn(&Swing) -> f64,
+) -> Vec<EffectKind> {
+    let model = format!(
+        "[roles]\ntime = {{ column = \"t\", unit = \"s\" }}\ntarget = {{ column = \"y\", unit = \"N·m\" }}\n\
+         angle = {{ column = \"a\", unit = \"rad\" }}\ncommand = {{ column = \"c\", unit = \"N·m\" }}\n\
+         velocity = {{ column = \"v\", unit = \"rad/s\", deadband = 0.005 }}\n\
+         [selection]\nonly = {only:?}\n[[terms]]\nname = \"declared\"\n{term}\n"
+    );
+    let rows: Vec<(f64, Swing)> = (0..4 * 1500)
+        .map(|i| {
+            let (t, run) = (0.02 * f64::from(i % 1500), f64::from(i / 1500));
+            let ((s, c), (fast_s, fast_c)) =
+                ((0.5 * t + run).sin_cos(), (1.37 * t + 2.0 * run).sin_cos());
+            let swing = Swing {
+                angle: 0.4 + 0.7 * s + 0.3 * fast_s,
+                velocity: 0.35 * c + 0.411 * fast_c,
+                acceleration: -0.175 * s - 0.563_07 * fast_s,
+                command: 4.0 + 1.5 * (0.9 * t + 1.3 * run).sin() + 0.8 * (2.3 * t + run).sin(),
+            };
+            (t, swing)
+        })
+        .collect();
+    let mut noise = residual_columns::stats::Rng::new(4);
+    let column = |of: &dyn Fn(&Swing) -> f64| rows.iter().map(|(_, s)| of(s)).collect::<Vec<f64>>();
+    let noise: Vec<f64> = rows.iter().map(|_| 0.1 * noise.normal()).collect();
+    let target = column(&target)
+        .iter()
+        .zip(noise)
+        .map(|(y, n)| y + n)
+        .collect();
+    let data = residual::Data::from_columns(
+        rows.iter().map(|(t, _)| *t).collect(),
+        [
+            ("angle", column(&|s| s.angle)),
+            ("velocity", column(&|s| s.velocity)),
+            ("command", column(&|s| s.command)),
+            ("target", target),
+        ],
+    )
+    .sequences((0..4).map(|run| 1500 * run..1500 * (run + 1)))
+    .build()
+    .unwrap();
+    let spec = residual::spec::Spec::parse(&model).unwrap();
+    let report = residual::analyse(&spec, data, &mut ()).unwrap();
+    let is_found = report.effects.iter().any(|e| e.name == found);
+    assert!(is_found, "{}", report.markdown());
+    report.others(found).concat()
+}
+
 /// Over a part of a turn a ripple of an order near one has the shape of a weight; where its order
 /// is seen to be none of a weight, both names stand.
 #[test]
 fn a_ripple_over_a_part_of_a_turn_may_stand_for_a_weight() {
-    let model = "[roles]\ntime = { column = \"t\", unit = \"s\" }\ntarget = { column = \"y\", unit = \"N·m\" }\n\
-                 angle = { column = \"a\", unit = \"rad\" }\n\
-                 velocity = { column = \"v\", unit = \"rad/s\", deadband = 0.005 }\n\
-                 [selection]\nonly = [\"coulomb\", \"viscous\", \"inertia\", \"gravity_angle\", \"periodic_angle\"]\n\
-                 [[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
+    let only = [
+        "coulomb",
+        "viscous",
+        "inertia",
+        "gravity_angle",
+        "periodic_angle",
+    ];
     let names = |order: f64| {
-        let rows = 4 * 1500;
-        let place = |i: usize| (0.02 * (i % 1500) as f64, (i / 1500) as f64);
-        let angle = |i: usize| {
-            let (t, run) = place(i);
-            0.4 + 0.7 * (0.5 * t + run).sin() + 0.3 * (1.37 * t + 2.0 * run).sin()
-        };
-        let velocity = |i: usize| {
-            let (t, run) = place(i);
-            0.35 * (0.5 * t + run).cos() + 0.411 * (1.37 * t + 2.0 * run).cos()
-        };
-        let mut noise = residual_columns::stats::Rng::new(4);
-        let target: Vec<f64> = (0..rows)
-            .map(|i| {
-                0.4 * velocity(i).signum() + (order * angle(i) + 0.6).sin() + 0.1 * noise.normal()
-            })
-            .collect();
-        let data = residual::Data::from_columns(
-            (0..rows).map(|i| place(i).0).collect(),
-            [
-                ("angle", (0..rows).map(angle).collect::<Vec<f64>>()),
-                ("velocity", (0..rows).map(velocity).collect()),
-                ("target", target),
-            ],
-        )
-        .sequences((0..4).map(|run| 1500 * run..1500 * (run + 1)))
-        .build()
-        .unwrap();
-        let spec = residual::spec::Spec::parse(model).unwrap();
-        let report = residual::analyse(&spec, data, &mut ()).unwrap();
-        let found = report
-            .effects
-            .iter()
-            .find(|e| e.name == EffectKind::GravityAngle);
-        assert!(found.is_some(), "{}", report.markdown());
-        report.others(EffectKind::GravityAngle).concat()
+        others(EffectKind::GravityAngle, &only, "expr = \"1\"", |s| {
+            0.4 * s.velocity.signum() + (order * s.angle + 0.6).sin()
+        })
     };
     assert!(names(1.0).is_empty());
     for order in [1.4, 1.6] {

@@ -142,3 +142,18 @@ fn is_named() {
         |s| 0.06 * (9.80665 + s.acceleration),
     );
 }
+
+/// A ripple of another order beside an inertia has the shape of a payload over a part of a turn.
+#[test]
+fn a_ripple_over_a_part_of_a_turn_may_stand_for_it() {
+    let only = ["payload", "periodic_angle"];
+    let names = |order: f64| {
+        super::gravity_angle::others(EffectKind::Payload, &only, "expr = \"1\"", |s| {
+            (order * s.angle + 0.6).sin() + 0.5 * s.acceleration
+        })
+    };
+    assert!(names(1.0).is_empty());
+    for order in [1.4, 1.6] {
+        assert!(names(order).contains(&EffectKind::PeriodicAngle), "{order}");
+    }
+}
