@@ -82,8 +82,8 @@ fn compared(kind: Kind, effects: &[&Value]) -> f64 {
     }
 }
 
-/// Effects of load cells that were named and then measured with weights: the unit, and the effect in
-/// the form of the others, with what the weights say.
+/// Effects of load cells that were named and then measured with weights: the unit, and the effect
+/// in the form of the others, with what the weights say.
 fn weighed(report: &Value) -> Vec<(u64, Value)> {
     let list = |path: &str| report.pointer(path).and_then(Value::as_array);
     let gains: Vec<&Value> = list("/weighed/gains/gains").into_iter().flatten().collect();

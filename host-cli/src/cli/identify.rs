@@ -31,7 +31,8 @@ A drive with a delay may oscillate in session 1 until fault 45 (tension implausi
 on; in session 2 the loops are open. The findings are then better where the force is held with them to the end.
 
 Creep and a curve of load cells are errors of what is measured; weights tell them apart from the drive. With --weigh the command
-then measures these cells as `forcectl calibrate gain` does, keeps the calibration, and does session 2 once more. Options for
+then measures these cells (all, where two or more show it) as `forcectl calibrate gain` does, keeps the calibration, and does
+session 2 once more. Options for
 weights, place and mounting are those of `calibrate gain`: call that before, where its defaults do not fit.
 
 The rig file is written to DIR as rig.before.toml, the corrected one as rig.after.toml. --apply also replaces the file
@@ -163,7 +164,7 @@ impl Identify {
         let units: Vec<u8> = cells.iter().map(|cell| cell.unit).collect();
         let words: Vec<String> = units.iter().map(ToString::to_string).collect();
         context.output.note(&format!(
-            "creep or a curve of the load cell of unit {}: measuring with weights, as `forcectl calibrate gain` does",
+            "load cells show creep or a curve: measuring the cells of unit {} with weights, as `forcectl calibrate gain` does",
             words.join(", ")
         ));
         let gain = Gain::of_units(&units, self.yes, &self.out)?;

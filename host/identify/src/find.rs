@@ -30,27 +30,34 @@ pub struct UnitFinding {
     pub not_used: Vec<String>,
 }
 
-/// A unit whose load cell shows what weights measure and the board takes out.
+/// A unit whose load cell is to be weighed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct DoubtedCell {
     /// Unit from 1.
     pub unit: u8,
-    /// Names of the effects.
+    /// Names of the effects that it shows, and that weights measure and the board takes out.
     pub effects: Vec<String>,
 }
 
-/// The units whose load cells show creep or a curve.
+/// The units whose load cells show creep or a curve; all units where two or more do. Cells of one
+/// kind are alike, a session does not show it in each, and one that is left as it is beside others
+/// that are put right makes the force at the tip worse: the errors of all cells are alike before,
+/// and cancel in part.
 #[must_use]
 pub fn doubted_cells(units: &[UnitFinding]) -> Vec<DoubtedCell> {
     let of_cell = |unit: &UnitFinding| {
         let names = unit.report.effects.iter().map(|e| e.name.to_string());
-        let effects: Vec<String> = names.filter(|name| findings::is_of_cell(name)).collect();
-        (!effects.is_empty()).then_some(DoubtedCell {
+        DoubtedCell {
             unit: unit.unit,
-            effects,
-        })
+            effects: names.filter(|name| findings::is_of_cell(name)).collect(),
+        }
     };
-    units.iter().filter_map(of_cell).collect()
+    let mut cells: Vec<DoubtedCell> = units.iter().map(of_cell).collect();
+    let shows = |cell: &DoubtedCell| !cell.effects.is_empty();
+    if cells.iter().filter(|cell| shows(cell)).count() < 2 {
+        cells.retain(shows);
+    }
+    cells
 }
 
 /// What was found on a rig.

@@ -3,8 +3,8 @@
 //!
 //! One pair shows a gain of a few per cent by chance as often as not: zeros are taken anew for each
 //! run, and the robot does not move twice in the same way. So the pair is repeated until the
-//! interval of a gain excludes zero: that of the worst cable, or that of one cable. The worst of six
-//! is another one from run to run, so that it shows little of what one unit alone has.
+//! interval of a gain excludes zero: that of the worst cable, or that of one cable. The worst of
+//! six is another one from run to run, so that it shows little of what one unit alone has.
 //!
 //! It is looked at after each pair, up to nine times, and each look has a chance of its own to
 //! exclude zero wrongly. The intervals of one look together are therefore those of 99 %, half of

@@ -118,13 +118,17 @@ impl Trial {
     fn changed(&self, lines: &mut Vec<String>) {
         if let Some(weighed) = &self.weighed {
             let cell = |cell: &DoubtedCell| format!("{} ({})", cell.unit, cell.effects.join(", "));
-            let cells: Vec<String> = weighed.cells.iter().map(cell).collect();
+            let named = weighed.cells.iter().filter(|cell| !cell.effects.is_empty());
+            let named: Vec<String> = named.map(cell).collect();
+            let units = weighed.cells.iter().map(|cell| cell.unit.to_string());
+            let units: Vec<String> = units.collect();
             lines.push(format!(
                 "\n## Measured with weights\n\n\
-                 The first analysis named an effect of the load cell in unit {}. These cells were measured with weights, and what \
-                 pays is taken out by the board; *Found* is what the rig lacks with that. The calibration is kept as version {}; \
-                 `forcectl calibrate use` puts an older one in force.",
-                cells.join(", "),
+                 The first analysis named an effect of the load cell in unit {}. The cells of unit {} were measured with weights, \
+                 and what pays is taken out by the board; *Found* is what the rig lacks with that. The calibration is kept as \
+                 version {}; `forcectl calibrate use` puts an older one in force.",
+                named.join(", "),
+                units.join(", "),
                 weighed.gains["version"].as_str().unwrap_or("-"),
             ));
         }

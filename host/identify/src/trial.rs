@@ -232,7 +232,7 @@ pub enum Left {
     /// The runs of an emulated rig without any scatter decide nothing.
     Repeats,
     /// The gain does not support a change.
-    NotBetter(Gain),
+    NotBetter(Box<Gain>),
 }
 
 impl fmt::Display for Left {
@@ -333,9 +333,9 @@ impl Trial {
         }
     }
 
-    /// Holds the force with the findings and the cells that were weighed, and repeats the pair of runs until the gain is decided or
-    /// `most` pairs are there. Without findings nothing is driven. [`Trial::left`] says why it is
-    /// not better with them.
+    /// Holds the force with the findings and the cells that were weighed, and repeats the pair of
+    /// runs until the gain is decided or `most` pairs are there. Without findings nothing is
+    /// driven. [`Trial::left`] says why it is not better with them.
     ///
     /// # Errors
     /// Those of `hold`, which does a run.
@@ -408,7 +408,7 @@ impl Trial {
                 return Ok(match gain.is_better() {
                     true => None,
                     false if repeats => Some(Left::Repeats),
-                    false => Some(Left::NotBetter(gain)),
+                    false => Some(Left::NotBetter(Box::new(gain))),
                 });
             }
         }

@@ -8,14 +8,14 @@ use wire::{Command, UNITS};
 
 /// How long disarming may take.
 const DISARM_TIMEOUT: Duration = Duration::from_secs(3);
-/// Time at 0 V after which a fault of the ramp-down is known: the board's watch over 0 V takes 75 ms
-/// ([`control::let_go`]) from the end of the DAC's and the filter's delay, a converter that is
+/// Time at 0 V after which a fault of the ramp-down is known: the board's watch over 0 V takes 75
+/// ms ([`control::let_go`]) from the end of the DAC's and the filter's delay, a converter that is
 /// silent 50 ms, a status 10 ms.
 const WATCHED: Duration = Duration::from_millis(250);
 
 /// Disarms the board, waits until the motors are at 0 V and it is known that they let go, and stops
-/// the robot of an emulated rig. A fault of a unit that was `available` until now is an error as one
-/// of the board is: a motor that still pulls shows only after 0 V.
+/// the robot of an emulated rig. A fault of a unit that was `available` until now is an error as
+/// one of the board is: a motor that still pulls shows only after 0 V.
 ///
 /// The status is asked for in each cycle: a rig's service in lock-step lets no time pass for a
 /// commander that is silent while the newest status says that the board is running.
