@@ -599,7 +599,7 @@ fn a_network_goes_on_where_it_ended_and_its_export_has_a_card_of_its_inputs() {
     assert!(!folder.join("whole.model.training").exists());
     let before = std::fs::read(folder.join("net.model")).unwrap();
     let export = "estimate export net.model --out";
-    let lost = ["is the model file and would be lost"];
+    let lost = ["is read by this command and would be lost"];
     expect(folder, &format!("{export} ./net.model"), 2, &lost);
     assert_eq!(std::fs::read(folder.join("net.model")).unwrap(), before);
     expect(folder, &format!("{export} net.onnx"), 0, &[]);
