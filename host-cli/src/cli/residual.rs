@@ -59,7 +59,7 @@ pub struct Residual {
     /// was found must help there too
     #[arg(long, value_name = "PATH", num_args = 1..)]
     check: Vec<PathBuf>,
-    /// Folder for the reports and the extended model; not that of a model of an earlier report which
+    /// Folder for the reports and the extended model; not that of an earlier report whose model
     /// --model names
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,

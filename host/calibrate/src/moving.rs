@@ -116,9 +116,9 @@ pub struct Run {
 pub const TOLD_SD_M: f64 = 0.005;
 
 impl Run {
-    /// Units of which the run tells too little to say whether they stand where the calibration says:
-    /// no exit point at all, or fewer than two directions of it to [`TOLD_SD_M`]. Along its cable a
-    /// run tells little of any unit.
+    /// Units of which the run tells too little to say whether they stand where the calibration
+    /// says: no exit point at all, or fewer than two directions of it to [`TOLD_SD_M`]. Along its
+    /// cable a run tells little of any unit.
     #[must_use]
     pub fn untold(&self) -> Vec<u8> {
         let blind = |unit: &&UnitRun| unit.alone.directions[1].sd_m > TOLD_SD_M;

@@ -261,8 +261,8 @@ const ADDED: [(&str, Kind); 29] = [
 ///
 /// # Errors
 /// A file can't be read or written, or the log has no such column of times, two columns of one name
-/// or one with a name that the join adds. Where no row of the log is within the recording nothing is
-/// written.
+/// or one with a name that the join adds. Where no row of the log is within the recording nothing
+/// is written.
 pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
     let log = Log::read(options.log)?;
     log.check_names()?;
