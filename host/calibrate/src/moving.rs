@@ -402,18 +402,15 @@ mod tests {
         .unwrap();
         assert_eq!(run.moved.verdict, MovedVerdict::Unmoved);
         assert!(run.not.is_empty() && run.untold().is_empty());
-        // A twentieth of the run, in which the tip moved by a twentieth: nothing is told.
-        let short = run_of(&exits, &rig.workspace.center_m).map(|samples| {
-            let near = |sample: &Sample| Sample {
-                tip_m: samples[0].tip_m + 0.05 * (sample.tip_m - samples[0].tip_m),
-                ..*sample
-            };
-            let mut near: Vec<Sample> = samples.iter().map(near).take(600).collect();
-            for (sample, old) in near.iter_mut().zip(&samples) {
-                sample.travel_m = 0.05 * old.travel_m;
+        // A fifth of the run, in which the tip moves by 3 mm: too little is told.
+        let center = rig.workspace.center_m;
+        let mut short = run_of(&exits, &center).map(|samples| samples[..600].to_vec());
+        for (exit_m, samples) in exits.iter().zip(&mut short) {
+            for sample in samples {
+                sample.tip_m = center + 0.05 * (sample.tip_m - center);
+                sample.travel_m = (exit_m - sample.tip_m).norm() - 0.4;
             }
-            near
-        });
+        }
         let few = evaluate(&short, &record, &Prior::default()).unwrap();
         assert_eq!(few.untold(), [1, 2, 3, 4, 5, 6]);
         let samples = run_of(&exits, &rig.workspace.center_m);

@@ -654,7 +654,10 @@ fn parquet_rows(path: &Path) -> Result<Texts, RecordError> {
         .map(|c| c.path())
         .find(|path| path.parts().len() > 1)
     {
-        return Err(unreadable(&format!("the column `{nested}` has parts")));
+        return Err(unreadable(&format!(
+            "the column `{}` has parts",
+            nested.string()
+        )));
     }
     let names = schema
         .columns()
@@ -816,7 +819,7 @@ mod tests {
         group.close().unwrap();
         writer.close().unwrap();
         let error = Log::read(&path).err().unwrap().to_string();
-        assert!(error.contains("`\"pose\".\"x\"` has parts"), "{error}");
+        assert!(error.contains("`pose.x` has parts"), "{error}");
     }
 
     #[test]
