@@ -137,7 +137,7 @@ fn a_rig_of_which_a_part_was_exchanged_is_not_driven() {
     // It drives nothing, and samples of a rig that is looked into are wanted.
     let said = expect(
         folder.path(),
-        "record --link fast --duration 0.2 recorded",
+        "record --link fast --duration 2 recorded",
         0,
         &[],
     );

@@ -579,6 +579,21 @@ exit = [[0.335, 0.045, -0.110], [-0.480, 0.010, -0.165], [-0.055, 0.440, -0.120]
     assert_eq!(said.code, Some(3), "{said:?}");
     assert!(said.err.contains("zero force"), "{said:?}");
     assert!(!folder.path().join("one.toml").exists());
+    // Millimetres in place of metres: told as that, and not as what follows from it.
+    for (set, words) in [
+        ("center=-80 25 -140", "give metres, not millimetres"),
+        ("name=", "name: \"\" is no name"),
+        ("name=a\nb", "name: \"a\\nb\" is no name"),
+    ] {
+        let line = "init mm.toml --answers answers.toml --set name=mm --set";
+        let mut arguments = common::words(line);
+        arguments.push(set);
+        let said = forcectl_in(folder.path(), &arguments);
+        assert_eq!(said.code, Some(2), "{said:?}");
+        assert!(said.err.contains(words), "{said:?}");
+        assert!(!said.err.contains("axis"), "{said:?}");
+        assert!(!folder.path().join("mm.toml").exists());
+    }
     let said = run("init x.toml --set colour=red");
     assert!(
         said.code == Some(2) && said.err.contains("tension"),

@@ -41,6 +41,113 @@ fn without_a_card_no_trial_is_taken_for_unseen() {
 }
 
 #[test]
+fn an_output_of_estimate_never_replaces_what_is_read() {
+    let temporary = folder();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    std::fs::write(folder.join("map.toml"), "robot = \"mine\"\n").unwrap();
+    std::fs::write(folder.join("robot.toml"), "[robot]\n").unwrap();
+    std::fs::copy(folder.join("day/trial-3.csv"), folder.join("alone.csv")).unwrap();
+    expect(
+        folder,
+        &format!("estimate train day {LINEAR} a.model"),
+        0,
+        &[],
+    );
+    let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
+    let names = [
+        "a.model",
+        "map.toml",
+        "robot.toml",
+        "alone.csv",
+        "day/trial-1.csv",
+        "day/trial-3.csv",
+    ];
+    let before = names.map(read);
+    let run = "estimate run a.model --replay alone.csv --mapping map.toml";
+    let of_day = "estimate run a.model --replay day/trial-3.csv";
+    let live = "estimate run a.model --robot robot.toml";
+    let train = "estimate train day --model zero --no-intervals --mapping map.toml";
+    let recalibrate = "estimate recalibrate a.model alone.csv";
+    for (line, words) in [
+        (format!("{run} --out alone.csv"), "would be lost"),
+        (format!("{run} --plot alone.csv"), "would be lost"),
+        (format!("{run} --out a.model"), "would be lost"),
+        (format!("{run} --plot ./a.model"), "would be lost"),
+        (format!("{run} --out map.toml"), "would be lost"),
+        (
+            format!("{run} --out new --plot new"),
+            "--out is the same file",
+        ),
+        (
+            format!("{of_day} --out day/trial-1.csv"),
+            "it would lie in day",
+        ),
+        (
+            format!("{of_day} --plot day/new.svg"),
+            "it would lie in day",
+        ),
+        (format!("{live} --out robot.toml"), "would be lost"),
+        (
+            format!("{train} --out day/trial-1.csv"),
+            "it would lie in day",
+        ),
+        (
+            format!("{train} --out day/new.model"),
+            "it would lie in day",
+        ),
+        (format!("{train} --out map.toml"), "would be lost"),
+        (format!("{recalibrate} --out a.model"), "would be lost"),
+        (format!("{recalibrate} --out alone.csv"), "would be lost"),
+        (format!("{train} --out ."), "no regular file"),
+    ] {
+        expect(folder, &line, 2, &[words]);
+        assert!(names.map(read) == before, "{line}: a file was changed");
+    }
+    assert!(!folder.join("new").exists());
+    // A file that no command reads is replaced.
+    std::fs::write(folder.join("old.svg"), "").unwrap();
+    expect(
+        folder,
+        "estimate run a.model --replay alone.csv --plot old.svg",
+        0,
+        &[],
+    );
+    assert!(read("old.svg").starts_with(b"<svg"));
+}
+
+#[test]
+fn figures_on_trials_of_the_training_are_called_so() {
+    let temporary = folder();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    expect(
+        folder,
+        &format!("estimate train day {LINEAR} a.model"),
+        0,
+        &[],
+    );
+    let eval = |trials: &str| {
+        let line = format!("estimate eval a.model day --trials {trials}");
+        expect(folder, &line, 0, &[])
+    };
+    let trained = eval("1");
+    assert!(
+        trained.err.contains("was trained on trial 1 of"),
+        "{trained:?}"
+    );
+    assert!(!trained.out.contains("over trials"), "{trained:?}");
+    let both = eval("1,2,3");
+    assert!(
+        both.err.contains("was trained on trial 1, 2 of"),
+        "{both:?}"
+    );
+    assert!(both.out.contains("N (95 % over trials)"), "{both:?}");
+    let unseen = eval("3");
+    assert!(!unseen.err.contains("was trained on"), "{unseen:?}");
+}
+
+#[test]
 fn a_force_without_a_range_leaves_a_card_that_can_be_read() {
     let temporary = folder();
     let folder = temporary.path();
@@ -374,7 +481,9 @@ fn a_robot_is_known_by_its_name_and_not_by_its_address() {
         expect(folder, &line, code, words);
     };
     // The same name at another port is the same robot.
-    live("named", "name = \"left arm\"", 0, &["0 rows"]);
+    // It is silent: no row, no time of a step, no success.
+    let silent = ["0 rows", "a step takes - (median), - (p99)"];
+    live("named", "name = \"left arm\"", 6, &silent);
     live(
         "named",
         "name = \"right arm\"",
@@ -490,7 +599,7 @@ fn a_network_goes_on_where_it_ended_and_its_export_has_a_card_of_its_inputs() {
     assert!(!folder.join("whole.model.training").exists());
     let before = std::fs::read(folder.join("net.model")).unwrap();
     let export = "estimate export net.model --out";
-    let lost = ["is the model file and would be lost"];
+    let lost = ["is read by this command and would be lost"];
     expect(folder, &format!("{export} ./net.model"), 2, &lost);
     assert_eq!(std::fs::read(folder.join("net.model")).unwrap(), before);
     expect(folder, &format!("{export} net.onnx"), 0, &[]);

@@ -309,6 +309,12 @@ fn a_log_is_joined_by_time_with_the_error_of_the_join() {
     let said = run(folder.path(), line);
     assert!(matches!(said.code, Some(0 | 6)), "{said:?}");
     let checked = check(&folder.path().join("rec")).expect("reads");
+    // The emulated board's clock is off by at most 100 ppm.
+    let clock = (checked.clock.drift_ppm, checked.clock.drift_uncertainty_ppm);
+    let (Some(ppm), Some(error_ppm)) = clock else {
+        panic!("no drift: {clock:?}")
+    };
+    assert!(ppm.abs() < 100.0 + error_ppm, "{clock:?}");
     let holding = checked
         .phases
         .iter()
@@ -354,6 +360,129 @@ fn a_log_is_joined_by_time_with_the_error_of_the_join() {
     // Another column of time.
     let line = format!("{merge} q1");
     expect(folder.path(), &line, 7, &["row 1 has no time"]);
+}
+
+/// What every file below a folder holds, by its path.
+fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).expect("is there") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            found.extend(content(&path));
+        } else if path.is_file() {
+            found.push((path.clone(), std::fs::read(&path).expect("is read")));
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn an_output_of_a_recording_never_replaces_what_is_read_or_another_recording() {
+    let folder = folder();
+    for name in ["rec", "other"] {
+        let line = format!("set-force 0 1 0 --link fast --duration 1 --record {name}");
+        let said = run(folder.path(), &line);
+        assert!(matches!(said.code, Some(0 | 6)), "{said:?}");
+    }
+    let checked = check(&folder.path().join("rec")).expect("reads");
+    let start_s = checked.phases.last().expect("has phases").start_utc_s;
+    let log = format!("time,q\n{start_s},1\n");
+    std::fs::write(folder.path().join("log.csv"), log).expect("written");
+    std::fs::copy(
+        folder.path().join("rec/run.mcap"),
+        folder.path().join("repaired.mcap"),
+    )
+    .expect("copied");
+    std::os::unix::fs::symlink("log.csv", folder.path().join("link")).expect("made");
+    let made = Command::new("mkfifo")
+        .arg(folder.path().join("fifo"))
+        .status();
+    assert!(made.expect("mkfifo runs").success());
+    let before = content(folder.path());
+    for (out, words) in [
+        ("log.csv", "would be lost"),
+        ("./rec/../log.csv", "would be lost"),
+        ("link", "would be lost"),
+        ("rec/run.mcap", "it would lie in rec"),
+        ("rec/samples.parquet", "it would lie in rec"),
+        ("rec/new/joined.parquet", "it would lie in rec"),
+        ("fifo", "no regular file"),
+        ("rec", "no regular file"),
+    ] {
+        for recording in ["rec", "rec/run.mcap"] {
+            let line = format!("recording merge {recording} --log log.csv --time time --out {out}");
+            expect(folder.path(), &line, 2, &[out, words, "name another file"]);
+        }
+    }
+    for (line, words) in [
+        ("rec --out other", "another recording is there"),
+        ("repaired.mcap --mcap", "would be lost"),
+    ] {
+        expect(
+            folder.path(),
+            &format!("recording export {line}"),
+            2,
+            &[words],
+        );
+    }
+    assert!(content(folder.path()) == before, "a file was changed");
+    // Over another file, and beside the recording, all is as before.
+    let line = "recording merge rec --log log.csv --time time --out joined.parquet";
+    for _ in 0..2 {
+        expect(folder.path(), line, 0, &["1 of 1 rows joined"]);
+    }
+    // Joined once more, it would have each of our columns twice.
+    let line = "recording merge rec --log joined.parquet --time time --out twice.parquet";
+    let words = [
+        "joined.parquet: it has columns that the join adds",
+        "`log_utc`",
+    ];
+    expect(folder.path(), line, 7, &words);
+    std::fs::write(folder.path().join("twice.csv"), "time,q,q\n1,2,3\n").expect("written");
+    let line = "recording merge rec --log twice.csv --time time --out twice.parquet";
+    let said = expect(
+        folder.path(),
+        line,
+        7,
+        &["more than one column of the name `q`"],
+    );
+    assert!(said.err.starts_with("forcectl: twice.csv: "), "{said:?}");
+    assert!(!folder.path().join("twice.parquet").exists());
+}
+
+#[test]
+fn a_shift_or_an_error_that_is_no_time_is_refused() {
+    let folder = folder();
+    let merge = "recording merge rec --log log.csv --time time --out out.parquet";
+    for shift in ["inf", "-inf", "nan", "1e300", "-1e300"] {
+        let line = format!("{merge} --shift {shift}");
+        expect(
+            folder.path(),
+            &line,
+            2,
+            &[shift, "no difference of two clocks"],
+        );
+    }
+    for error in ["nan", "inf", "-1"] {
+        let line = format!("{merge} --log-error {error}");
+        expect(folder.path(), &line, 2, &[error, "0 to 86400 seconds"]);
+    }
+}
+
+#[test]
+fn a_recording_without_a_sample_is_no_success() {
+    let folder = folder();
+    let line = "record rec --link fast --duration 0.1";
+    let said = expect(folder.path(), line, 6, &["0 samples in rec"]);
+    assert!(said.err.contains("no sample came in this time"), "{said:?}");
+    let said = expect(
+        folder.path(),
+        "recording check rec",
+        6,
+        &["it holds no samples"],
+    );
+    assert!(said.out.contains("drift unknown"), "{said:?}");
 }
 
 /// A page of the documents.

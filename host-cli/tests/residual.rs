@@ -97,6 +97,18 @@ fn reports(folder: &Path) -> Vec<String> {
 }
 
 #[test]
+fn a_report_never_replaces_the_model_that_is_read() {
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path().join("o")).expect("made");
+    for name in ["MODEL.extended.toml", "MODEL.frozen.toml"] {
+        folder.put(&format!("o/{name}"), MODEL);
+        let line = format!("residual --data logs --model o/{name} --out o");
+        folder.expect(&line, 2, &[name, "would be lost"]);
+        assert_eq!(folder.read(&format!("o/{name}")), MODEL);
+    }
+}
+
+#[test]
 fn wrong_arguments_end_before_anything_is_written() {
     let folder = Folder::with_logs(0.5);
     folder.put("key.toml", &MODEL.replace("fixed", "fixd"));

@@ -67,7 +67,7 @@ pub use residual_log::finding::Finding;
 pub use residual_log::{load, spec};
 pub use residual_report::{
     clear, Ambiguity, Compensation, Effect, EqualPath, NotMaterial, Plot, Report, Ripple, Tested,
-    SCHEMA_VERSION,
+    MODELS, SCHEMA_VERSION,
 };
 pub use residual_search::declared::{baseline, Baseline, DeclaredTerm};
 pub use residual_search::figures::Figures;

@@ -1,6 +1,8 @@
-//! Files that are there whole or as they were before, and their SHA-256.
+//! Files that are there whole or as they were before, which of them a command must not write, and
+//! their SHA-256.
 
 use sha2::{Digest, Sha256};
+use std::fmt;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -18,15 +20,15 @@ impl Part {
     /// Folders are made.
     ///
     /// # Errors
-    /// It can't be made.
+    /// It can't be made, or something is there that is no regular file: a device would be replaced.
     pub fn begin(path: &Path) -> io::Result<(Self, File)> {
-        let folder = folder_of(path);
-        fs::create_dir_all(folder)?;
-        let mut name = path.file_name().unwrap_or_default().to_owned();
-        name.push(".part");
+        if irregular(path) {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, IRREGULAR));
+        }
+        fs::create_dir_all(folder_of(path))?;
         let part = Self {
             path: path.to_owned(),
-            beside: folder.join(name),
+            beside: beside(path),
             finished: false,
         };
         let file = File::create(&part.beside)?;
@@ -58,7 +60,97 @@ impl Drop for Part {
     }
 }
 
-fn folder_of(path: &Path) -> &Path {
+/// Where a file is written until it is complete.
+fn beside(path: &Path) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".part");
+    folder_of(path).join(name)
+}
+
+/// What is wrong with an output that is there and no file.
+const IRREGULAR: &str = "something is there that is no regular file";
+
+/// Whether something is there that is no regular file.
+fn irregular(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|found| !found.is_file())
+}
+
+/// Why a file must not be written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refused(String);
+
+impl std::error::Error for Refused {}
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// Looks at a file before a command that reads `inputs` writes it. Inputs are files and folders;
+/// one that is not there counts as well. Writes nothing.
+///
+/// # Errors
+/// The file is one of the inputs, by whatever path or link, or is written beside its place over
+/// one; it would lie in a folder that is an input; or something is there that is no regular file.
+pub fn check_output(path: &Path, inputs: &[&Path]) -> Result<(), Refused> {
+    let refused = |why: String| {
+        let path = path.display();
+        Err(Refused(format!(
+            "{path}: {why}. Nothing was written; name another file"
+        )))
+    };
+    if irregular(path) {
+        return refused(IRREGULAR.to_owned());
+    }
+    for input in inputs {
+        if same(path, input) || same(&beside(path), input) {
+            return refused(format!(
+                "{} is read by this command and would be lost",
+                input.display()
+            ));
+        }
+        if real(path).starts_with(real(input)) {
+            return refused(format!(
+                "it would lie in {}, which this command reads",
+                input.display()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Whether two paths lead to one file.
+fn same(one: &Path, other: &Path) -> bool {
+    real(one) == real(other) || same_inode(one, other)
+}
+
+/// Whether two paths are links to one file.
+#[cfg(unix)]
+fn same_inode(one: &Path, other: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let inode = |path| fs::metadata(path).ok().map(|file| (file.dev(), file.ino()));
+    inode(one).is_some_and(|one| inode(other) == Some(one))
+}
+
+/// Windows tells the number of a file only where it is open.
+#[cfg(not(unix))]
+fn same_inode(_: &Path, _: &Path) -> bool {
+    false
+}
+
+/// A path without links, as far as it is there.
+fn real(path: &Path) -> PathBuf {
+    match (path.canonicalize(), path.file_name()) {
+        (Ok(real), _) => real,
+        (_, Some(name)) => real(folder_of(path)).join(name),
+        (_, None) => path.to_owned(),
+    }
+}
+
+/// The folder of a file.
+#[must_use]
+pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
@@ -115,6 +207,63 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).unwrap(), "new");
         assert_eq!(fs::read_dir(folder.path().join("new")).unwrap().count(), 1);
         assert!(replace(&path.join("below a file"), "").is_err());
+    }
+
+    #[test]
+    fn an_output_that_would_cost_an_input_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir_all(at("rec/deep")).unwrap();
+        for name in ["log.csv", "rec/run.mcap", "new.parquet.part"] {
+            fs::write(at(name), name).unwrap();
+        }
+        let (log, rec, part) = (at("log.csv"), at("rec"), at("new.parquet.part"));
+        let inputs = [log.as_path(), &rec, &part];
+        let check = |name: &str| check_output(&at(name), &inputs);
+        for name in ["log.csv", "rec/../log.csv", "new.parquet"] {
+            let why = check(name).unwrap_err().to_string();
+            assert!(why.contains("would be lost"), "{why}");
+        }
+        for name in ["rec/run.mcap", "rec/new", "rec/deep/er/new"] {
+            let why = check(name).unwrap_err().to_string();
+            assert!(why.contains("it would lie in"), "{why}");
+        }
+        for name in ["rec", "rec/deep"] {
+            let why = check(name).unwrap_err().to_string();
+            assert!(why.contains("no regular file"), "{why}");
+        }
+        for name in ["joined.parquet", "record", "new/joined.parquet"] {
+            assert_eq!(check(name), Ok(()), "{name}");
+        }
+        // An input that is not there yet, for example one with a wrong name.
+        let none = at("none.csv");
+        assert!(check_output(&none, &[&none]).is_err());
+        assert_eq!(fs::read_to_string(&log).unwrap(), "log.csv");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_to_an_input_are_seen_and_a_device_is_not_replaced() {
+        use std::os::unix::fs::{symlink, FileTypeExt};
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir(at("rec")).unwrap();
+        fs::write(at("rec/log.csv"), "log").unwrap();
+        symlink(at("rec/log.csv"), at("link")).unwrap();
+        symlink(at("rec"), at("folder")).unwrap();
+        fs::hard_link(at("rec/log.csv"), at("hard")).unwrap();
+        for name in ["link", "hard", "folder/log.csv"] {
+            let refused = check_output(&at(name), &[&at("rec/log.csv")]);
+            assert!(refused.is_err(), "{name}");
+        }
+        assert!(check_output(&at("folder/new"), &[&at("rec")]).is_err());
+        // A socket stands for a device.
+        let _socket = std::os::unix::net::UnixListener::bind(at("socket")).unwrap();
+        let why = check_output(&at("socket"), &[]).unwrap_err().to_string();
+        assert!(why.contains("no regular file"), "{why}");
+        let why = replace(&at("socket"), "text").unwrap_err().to_string();
+        assert!(why.contains("no regular file"), "{why}");
+        assert!(fs::metadata(at("socket")).unwrap().file_type().is_socket());
     }
 
     #[test]

@@ -15,11 +15,12 @@ use rig::{LinkChoice, Rig};
 use run::Zeroing;
 #[cfg(unix)]
 use service::{self, client::ServiceLink, socket, Client};
+use session::link::fast::plant_of;
 use session::link::of_board::OfBoard;
 use session::link::{self, EmbeddedOptions, RigLink};
 use session::Session;
 use std::cell::RefCell;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Heading of the options that only the embedded rig has.
@@ -137,6 +138,7 @@ impl Existing {
             ],
         )?;
         self.only_embedded(&given, embedded)?;
+        check_plant(new.plant.as_deref())?;
         let target = self.target(new, &given);
         let (rig, name) = self.rig_of(&target, given, context)?;
         *self.of_file.borrow_mut() = Some(rig.clone());
@@ -559,6 +561,12 @@ impl Connection {
         self.at.rig.as_ref()
     }
 
+    /// Files that are read: of the rig and of its plant.
+    pub fn inputs(&self) -> Vec<&Path> {
+        let files = [self.at.rig.as_deref(), self.new.plant.as_deref()];
+        files.into_iter().flatten().collect()
+    }
+
     /// Whether an embedded rig is limited to real time.
     pub fn paced(&self) -> bool {
         self.new.paced
@@ -626,6 +634,14 @@ fn name_of(link: &LinkChoice) -> String {
 #[cfg(not(unix))]
 fn name_of(link: &LinkChoice) -> String {
     link.to_string()
+}
+
+/// Refuses a plant that can't be read or that the physics can't take, before a rig is started.
+pub fn check_plant(path: Option<&Path>) -> Result<()> {
+    match path.map(plant_of) {
+        Some(Err(error)) => Err(Failure::usage(format!("--plant {error}"))),
+        _ => Ok(()),
+    }
 }
 
 /// Whether the rig is an embedded one of the command's own.

@@ -35,10 +35,12 @@ Examples:
   forcectl estimate explain arm.model other-day                     what has changed of each motor, in words
   forcectl estimate report lab-day --into docs                      all models, tables and pictures
 
+A file that is written (--out, --plot) may not be one that is read, nor lie in a folder of data that are read.
+
 docs/estimation.md explains the models and what they reach.
 
 Exit codes: 0 done; 2 arguments, data or model are refused, with file and column; 4 the robot's source cannot be opened;
-7 a file cannot be written.";
+6 `run` had no row with a valid estimate; 7 a file cannot be written.";
 
 /// Arguments of `estimate`.
 #[derive(Debug, Args)]
@@ -68,7 +70,7 @@ enum Sub {
 /// How data are read.
 #[derive(Debug, Args)]
 struct DataArgs {
-    /// Rows per second; the data's rate is a multiple of it
+    /// Rows per second; the data's rate is a multiple of it, to 2 %
     #[arg(long, value_name = "HZ", default_value = "50")]
     rate: f64,
     /// Mapping file (TOML) for logs other than an experiment's dataset: columns and
@@ -169,6 +171,8 @@ const FREE_N: f64 = 0.2;
 
 impl Recalibrate {
     fn run(&self, context: &Context) -> Result<Reply> {
+        let inputs = inputs(&[&self.model, &self.log], self.mapping.as_deref());
+        check_model(&self.out, &inputs)?;
         let mut estimator = model(&self.model)?;
         let card = ModelCard::read(&self.model)?;
         // Free motion needs no measured force. One that is there tells whether it was free.
@@ -184,10 +188,7 @@ impl Recalibrate {
         data.fit_inputs(&estimator).map_err(Failure::usage)?;
         let free: Vec<&Sequence> = data.sequences.iter().collect();
         let found = estimator.recalibrate(&free).map_err(Failure::usage)?;
-        let text = estimator
-            .to_json()
-            .map_err(|error| Failure::new(exit::FILE, error))?;
-        std::fs::write(&self.out, text).map_err(|error| Failure::file(&self.out, &error))?;
+        write_model(&estimator, &self.out)?;
         let written = card
             .recalibrated(sha256(&self.out)?, &data.name)
             .write(&self.out)
@@ -268,17 +269,7 @@ impl Export {
         let estimator = model(&self.model)?;
         let card = beside_onnx(&self.out);
         for out in [&self.out, &card] {
-            // The same file by another path too.
-            let same = |a: &Path, b: &Path| {
-                a == b || matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
-            };
-            if same(out, &self.model) {
-                return Err(Failure::usage(format!(
-                    "--out {}: {} is the model file and would be lost; name another file",
-                    self.out.display(),
-                    out.display()
-                )));
-            }
+            files::check_output(out, &[&self.model])?;
         }
         estimator.write_onnx(&self.out).map_err(Failure::usage)?;
         let text = estimator
@@ -319,6 +310,37 @@ impl From<estimate::LoadError> for Failure {
     fn from(error: estimate::LoadError) -> Self {
         Self::new(exit::USAGE, error)
     }
+}
+
+/// What a command reads: its files and folders, and a mapping file. A file of a dataset stands for
+/// the folder with its data card: another file there is a trial, or would be taken for one.
+fn inputs<'a>(read: &[&'a Path], mapping: Option<&'a Path>) -> Vec<&'a Path> {
+    let whole = |path: &&'a Path| -> &'a Path {
+        let folder = files::folder_of(path);
+        let dataset = path.is_file() && folder.join("card.json").is_file();
+        if dataset {
+            folder
+        } else {
+            path
+        }
+    };
+    read.iter().map(whole).chain(mapping).collect()
+}
+
+/// Refuses a model file that, with its card, would replace an input.
+fn check_model(out: &Path, inputs: &[&Path]) -> Result<()> {
+    for file in [out.to_owned()].into_iter().chain(ModelCard::files(out)) {
+        files::check_output(&file, inputs)?;
+    }
+    Ok(())
+}
+
+/// Writes a model file, which is there whole or as it was before.
+fn write_model(model: &Estimator, out: &Path) -> Result<()> {
+    let text = model
+        .to_json()
+        .map_err(|error| Failure::new(exit::FILE, error))?;
+    files::replace(out, text).map_err(|error| Failure::file(out, &error))
 }
 
 /// The mapping file, or the dataset's columns.
@@ -388,6 +410,10 @@ impl DataArgs {
 
 impl Train {
     fn run(&self, context: &Context) -> Result<Reply> {
+        check_model(
+            &self.out,
+            &inputs(&[&self.data], self.read.mapping.as_deref()),
+        )?;
         let data = self.read.load(context, &self.data)?;
         let (training, test) = data.split(&self.test)?;
         let rows: Vec<&Sequence> = data.of(&training);
@@ -437,10 +463,7 @@ impl Train {
             .0;
         // From here on Ctrl-C must not leave a model without its card.
         let _controlled_stop = context.interrupt.controlled_stop();
-        let text = trained
-            .to_json()
-            .map_err(|error| Failure::new(exit::FILE, error))?;
-        std::fs::write(&self.out, text).map_err(|error| Failure::file(&self.out, &error))?;
+        write_model(&trained, &self.out)?;
         // A training that the limit ended can go on.
         if let (Some(keep), Some(false)) = (keep, trained.epochs().map(|epochs| epochs.cut)) {
             std::fs::remove_file(&keep.file).map_err(|error| Failure::file(&keep.file, &error))?;
@@ -507,6 +530,7 @@ impl Eval {
         let trials = if self.trials.is_empty() {
             self.unseen(&data)?
         } else {
+            self.warn_of_trained(context, &data);
             self.trials.clone()
         };
         let sequences = data.of(&trials);
@@ -526,9 +550,11 @@ impl Eval {
             evaluate::evaluate(&estimator, &sequences, &replay).map_err(Failure::usage)?;
         let mut text = String::new();
         let f = &evaluation.figures;
-        let half = f
-            .mae_half_n
-            .map_or_else(String::new, |h| format!(" +- {h:.3}"));
+        // One trial has no interval over trials.
+        let mae = match f.mae_half_n {
+            Some(half_n) => format!("{:.3} +- {half_n:.3} N (95 % over trials)", f.mae_n),
+            None => format!("{:.3} N", f.mae_n),
+        };
         row!(
             text,
             "model {} on {}, trials {:?}, {} rows",
@@ -537,11 +563,7 @@ impl Eval {
             evaluation.trials,
             f.rows
         );
-        row!(
-            text,
-            "MAE            {:.3}{half} N (95 % over trials)",
-            f.mae_n
-        );
+        row!(text, "MAE            {mae}");
         row!(
             text,
             "RMSE           {:.3} N, NRMSE {}",
@@ -589,26 +611,49 @@ impl Eval {
         Ok(Reply::new(text, json!(evaluation)))
     }
 
+    /// Warns where a trial that is named was in the training. Without a card nothing tells.
+    fn warn_of_trained(&self, context: &Context, data: &Data) {
+        let Ok(card) = ModelCard::read(&self.model) else {
+            return;
+        };
+        let trained: Vec<String> = (self.trials.iter())
+            .filter(|trial| {
+                let of_trial = |s: &&load::Source| s.trials.contains(trial);
+                (data.sources.iter().filter(of_trial)).any(|s| is_trained(&card, s, Some(**trial)))
+            })
+            .map(ToString::to_string)
+            .collect();
+        if !trained.is_empty() {
+            context.output.note(&format!(
+                "the model was trained on trial {} of these data: the figures tell how well it repeats what it has seen, and not how well it estimates",
+                trained.join(", ")
+            ));
+        }
+    }
+
     /// Trials that the model's card does not list as training of these same files.
     fn unseen(&self, data: &Data) -> Result<Vec<usize>> {
         let card = ModelCard::read(&self.model).map_err(|error| {
             Failure::usage(format!("{error}, or name unseen trials with --trials"))
         })?;
-        let known: Vec<&str> = card
-            .sources
-            .iter()
-            .filter(|s| s.trials.iter().any(|t| card.training_trials.contains(t)))
-            .map(|s| s.sha256.as_str())
-            .collect();
-        let fresh = data
-            .sources
-            .iter()
-            .filter(|s| !known.contains(&s.sha256.as_str()));
+        let fresh = (data.sources.iter()).filter(|s| !is_trained(&card, s, None));
         let mut trials: Vec<usize> = fresh.flat_map(|s| s.trials.iter().copied()).collect();
         trials.sort_unstable();
         trials.dedup();
         Ok(trials)
     }
+}
+
+/// Whether a model was trained on this trial of a file, or on any (`None`), as its card tells. The
+/// file is the same by its hash; its trials may be numbered anew.
+fn is_trained(card: &ModelCard, source: &load::Source, trial: Option<usize>) -> bool {
+    let in_training = |trial: &usize| card.training_trials.contains(trial);
+    (card.sources.iter())
+        .filter(|known| known.sha256 == source.sha256)
+        .any(|known| match trial {
+            Some(trial) if known.trials == source.trials => in_training(&trial),
+            _ => known.trials.iter().any(in_training),
+        })
 }
 
 /// The replay row by row, from the first row of each stretch.

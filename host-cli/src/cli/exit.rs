@@ -144,6 +144,12 @@ impl Failure {
     }
 }
 
+impl From<files::Refused> for Failure {
+    fn from(error: files::Refused) -> Self {
+        Self::usage(error)
+    }
+}
+
 impl From<RigFileError> for Failure {
     fn from(error: RigFileError) -> Self {
         Self::new(RIG_FILE, error)

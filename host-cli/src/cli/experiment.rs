@@ -16,7 +16,7 @@ use rig::{LinkChoice, Rig};
 use run::{Phase, Zeroing};
 use serde_json::json;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -135,6 +135,7 @@ impl ExperimentCommand {
 
 impl Run {
     fn run(&self, context: &Context) -> Result<Reply> {
+        check_into(&self.out, self.report_into.as_deref())?;
         let experiment = load(self.file.as_ref())?;
         let experiment = if self.quick {
             experiment.quick()
@@ -241,6 +242,7 @@ impl Check {
 
 impl Report {
     fn run(&self) -> Result<Reply> {
+        check_into(&self.dir, self.report_into.as_deref())?;
         let (folder, experiment) = Folder::open(&self.dir)?;
         let text = written(&folder, &experiment, self.report_into.as_ref())?;
         let json = json!({ "folder": path_json(&self.dir), "text": text });
@@ -264,6 +266,14 @@ impl Paths {
         }
         Ok(Reply::new(paths::table(&figures), json!(figures)))
     }
+}
+
+/// Refuses a second place of the report whose files would replace those of the dataset.
+fn check_into(root: &Path, into: Option<&Path>) -> Result<()> {
+    if let Some(into) = into {
+        files::check_output(&into.join("card.json"), &[&root.join("dataset")])?;
+    }
+    Ok(())
 }
 
 /// Writes data card and report, and says where.

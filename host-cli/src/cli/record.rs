@@ -1,7 +1,7 @@
 //! `forcectl record`: records every sample and drives nothing.
 
 use super::connection::{booted_here, configure_embedded, Connection, Role};
-use super::exit::{Failure, Reply, Result};
+use super::exit::{self, Failure, Reply, Result};
 use super::monitor::End;
 use super::output::path_json;
 use super::progress::Progress;
@@ -78,6 +78,10 @@ impl Record {
                 );
                 match lost {
                     Some(error) => Err(Failure::from(error).with_reply(reply)),
+                    None if finished.samples == 0 => {
+                        context.output.note("no sample came in this time: a rig brings its sensors up first; record for longer, and see `forcectl status`");
+                        Ok(reply.with_code(exit::DEGRADED))
+                    }
                     None => Ok(reply),
                 }
             })

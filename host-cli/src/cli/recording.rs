@@ -3,22 +3,25 @@
 
 use super::exit::{self, Failure, Reply, Result};
 use super::output::path_json;
-use super::Context;
+use super::{values, Context};
 use clap::{Args, Subcommand};
 use recording::check::{self, Checked};
 use recording::merge::{self, Merge};
 use recording::read::{mcap_of, End};
-use recording::{self};
 use serde_json::json;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Below the help of the command.
 pub const HELP: &str = "\
 RECORDING is a folder that `set-force --record` or `record` has written, or its run.mcap, complete or cut off.
 
-Exit codes: 0 nothing is missing; 6 it was read, and something is missing or damaged (the list says what); 7 a file cannot
-be read or written.";
+`merge` and `export` replace neither the log nor a recording: --out may not be the log, nor lie in the recording's folder
+(`merge`) or in that of another recording (`export`). `merge` refuses a log in which a name of a column is there twice, or
+is one of those that it adds (a log that was joined before).
+
+Exit codes: 0 nothing is missing; 2 the arguments are refused; 6 it was read, and something is missing or damaged (the
+list says what); 7 a file cannot be read or written.";
 
 /// Arguments of `recording`.
 #[derive(Debug, Args)]
@@ -63,13 +66,20 @@ enum What {
             long,
             value_name = "SECONDS",
             default_value = "0",
-            allow_hyphen_values = true
+            allow_hyphen_values = true,
+            value_parser = values::clock_shift
         )]
         shift: f64,
         /// Largest error of the log's own time, s, to be counted into the error of the join
-        #[arg(long, value_name = "SECONDS", default_value = "0")]
+        #[arg(
+            long,
+            value_name = "SECONDS",
+            default_value = "0",
+            allow_hyphen_values = true,
+            value_parser = values::time_error
+        )]
         log_error: f64,
-        /// Parquet file to write
+        /// Parquet file to write, outside of the recording's folder
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
@@ -96,15 +106,11 @@ impl Recording {
                 mcap: repaired,
             } => {
                 let mcap = mcap_of(recording);
-                let beside = mcap.parent().map(std::path::Path::to_owned);
-                let folder = out.clone().or(beside).unwrap_or_default();
-                std::fs::create_dir_all(if folder.as_os_str().is_empty() {
-                    std::path::Path::new(".")
-                } else {
-                    &folder
-                })
-                .map_err(|error| Failure::file(&folder, error))?;
-                export(&mcap, &folder, *repaired)
+                let beside = files::folder_of(&mcap);
+                let folder = out.as_deref().unwrap_or(beside);
+                check_export(&mcap, folder, *repaired)?;
+                std::fs::create_dir_all(folder).map_err(|error| Failure::file(folder, error))?;
+                export(&mcap, folder, *repaired)
             }
             What::Merge {
                 recording,
@@ -114,6 +120,10 @@ impl Recording {
                 log_error,
                 out,
             } => {
+                let mcap = mcap_of(recording);
+                let folder = files::folder_of(&mcap);
+                let whole = recording.is_dir() || folder.join(recording::JSON_FILE).is_file();
+                files::check_output(out, &[log, if whole { folder } else { &mcap }])?;
                 let merged = merge::merge(&Merge {
                     recording,
                     log,
@@ -137,7 +147,28 @@ impl Recording {
     }
 }
 
-fn export(mcap: &std::path::Path, folder: &std::path::Path, repaired: bool) -> Result<Reply> {
+/// Refuses a folder in which the export would replace files of another recording, or what it reads.
+fn check_export(mcap: &Path, folder: &Path, repaired: bool) -> Result<()> {
+    let written = recording::TABLES.iter().map(|table| table.file);
+    for name in written.chain(repaired.then_some(recording::REPAIRED_FILE)) {
+        let path = folder.join(name);
+        if path.exists() {
+            files::check_output(&path, &[mcap])?;
+        }
+    }
+    let other = folder.join(recording::MCAP_FILE);
+    let real = |path: &Path| path.canonicalize().ok();
+    if other.exists() && real(folder) != real(files::folder_of(mcap)) {
+        return Err(Failure::usage(format!(
+            "--out {}: another recording is there ({}), and its Parquet files would be replaced. Nothing was written; name another folder",
+            folder.display(),
+            other.display()
+        )));
+    }
+    Ok(())
+}
+
+fn export(mcap: &Path, folder: &Path, repaired: bool) -> Result<Reply> {
     let mut exported = recording::export(mcap, folder);
     if repaired {
         let to = folder.join(recording::REPAIRED_FILE);
@@ -221,8 +252,11 @@ fn text_of(checked: &Checked) -> String {
         |s: Option<f64>| s.map_or_else(|| "unknown".to_owned(), |s| format!("{:.3} ms", s * 1e3));
     row!(
         out,
-        "board's clock   drift {:+.3} ppm; largest error of its place in host time: {} median, {} at the worst place",
-        clock.drift_ppm,
+        "board's clock   drift {}; largest error of its place in host time: {} median, {} at the worst place",
+        match (clock.drift_ppm, clock.drift_uncertainty_ppm) {
+            (Some(ppm), Some(error_ppm)) => format!("{ppm:+.3} +- {error_ppm:.3} ppm"),
+            _ => "unknown".to_owned(),
+        },
         ms(clock.uncertainty_median_s),
         ms(clock.uncertainty_max_s)
     );

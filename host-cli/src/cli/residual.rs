@@ -8,7 +8,7 @@ use identify::{Applied, BoardFile};
 use residual::spec::Spec;
 use residual::{Options, Report, Verdict};
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The model file for recordings.
 const RECORDING: &str = include_str!("../../models/recording.toml");
@@ -59,7 +59,8 @@ pub struct Residual {
     /// was found must help there too
     #[arg(long, value_name = "PATH", num_args = 1..)]
     check: Vec<PathBuf>,
-    /// Folder for the reports and the extended model
+    /// Folder for the reports and the extended model; not that of an earlier report whose model
+    /// --model names
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Write a copy of this rig file, with the findings that the board can use, to DIR as
@@ -172,6 +173,7 @@ fn samples_of_recordings(data: &[PathBuf]) -> Option<Vec<PathBuf>> {
 
 /// Runs the analysis, and writes a rig file with its findings on request.
 fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
+    check_out(arguments)?;
     // Reports of an earlier analysis must not be taken for this one's, whatever fails from here on.
     if let Some(out) = &arguments.out {
         residual::clear(out).map_err(|error| Failure::new(7, error))?;
@@ -220,6 +222,21 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     let report = serde_json::to_value(&report).map_err(|error| Failure::new(7, error))?;
     let json = serde_json::json!({"report": report, "applied": changed});
     Ok(Reply::new(text, json).with_code(code))
+}
+
+/// Refuses a folder in which the models of the report would replace a file that is read.
+fn check_out(arguments: &Residual) -> Result<()> {
+    let Some(out) = &arguments.out else {
+        return Ok(());
+    };
+    let files = [Some(&arguments.model), arguments.apply.as_ref()];
+    let inputs: Vec<&Path> = (files.into_iter().flatten())
+        .map(PathBuf::as_path)
+        .collect();
+    for name in residual::MODELS {
+        files::check_output(&out.join(name), &inputs)?;
+    }
+    Ok(())
 }
 
 /// A line for each effect, under the name that the written report gives it.

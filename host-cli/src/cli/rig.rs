@@ -1,5 +1,6 @@
 //! `forcectl rig`: an emulated rig that stays, for many commands and terminals.
 
+use super::connection::check_plant;
 use super::exit::Reply;
 use super::exit::Result;
 use super::serve::{self, Listen};
@@ -42,6 +43,7 @@ pub struct Rig {
 impl Rig {
     /// Runs the command, which ends with the rig: by Ctrl-C, or `forcectl serve --end --name rig`.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        check_plant(self.plant.as_deref())?;
         let text = RigText::read(self.rig.as_deref())?;
         let rig = text.parse()?;
         let name = self

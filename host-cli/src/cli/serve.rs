@@ -8,7 +8,9 @@ use service::protocol::Call;
 use service::server::{Addresses, ServeError};
 use service::socket::{self, Listening};
 use service::{serve, Client, ServeOptions, ServiceError};
+use session::link::port::Port;
 use session::link::{self, EmbeddedOptions, RigLink};
+use std::ffi::OsString;
 use std::fmt::Write as _;
 use std::net::SocketAddr;
 use std::os::unix::process::CommandExt;
@@ -246,6 +248,14 @@ pub fn connect(
 ) -> Result<Client> {
     let client_name = client_name();
     match (Client::connect(name, &client_name), start) {
+        // No service can open a port that is not there, and opening it says so.
+        (
+            Err(ServiceError::NotRunning { .. } | ServiceError::Io { .. }),
+            Some(LinkChoice::Serial(path)),
+        ) if !Path::new(path).exists() => {
+            Port::serial(path)?;
+            Ok(Client::connect(name, &client_name)?)
+        }
         (Err(ServiceError::NotRunning { .. }), Some(port)) => {
             start_service(name, port, rig, context)?;
             Ok(Client::connect(name, &client_name)?)
@@ -260,6 +270,20 @@ fn client_name() -> String {
     let command =
         (words.map(|word| word.to_string_lossy().into_owned())).find(|word| !word.starts_with('-'));
     format!("forcectl {}", command.unwrap_or_default())
+}
+
+/// Arguments of the service that is started for a port. Each value is one word with its option: a
+/// name, a port or a file may begin with a hyphen.
+fn arguments(name: &str, port: &LinkChoice, rig: Option<&Path>) -> Vec<OsString> {
+    let mut words: Vec<OsString> = ["serve", "--on-demand", "--json"].map(Into::into).into();
+    words.push(format!("--link={port}").into());
+    words.push(format!("--name={name}").into());
+    if let Some(rig) = rig {
+        let mut word = OsString::from("--rig=");
+        word.push(rig);
+        words.push(word);
+    }
+    words
 }
 
 /// Starts `forcectl serve` in the background and waits until it listens.
@@ -279,13 +303,7 @@ fn start_service(
     let log_path = socket::path_of(name).map_err(failed)?.with_extension("log");
     let log = std::fs::File::create(&log_path).map_err(failed)?;
     let mut command = std::process::Command::new(std::env::current_exe().map_err(failed)?);
-    command
-        .args(["serve", "--on-demand", "--json", "--link"])
-        .arg(port.to_string())
-        .args(["--name", name]);
-    if let Some(rig) = rig {
-        command.arg("--rig").arg(rig);
-    }
+    command.args(arguments(name, port, rig));
     // A process group of its own: Ctrl-C in this terminal is for this command.
     let mut child = command
         .stdin(Stdio::null())
@@ -323,4 +341,24 @@ fn start_service(
             log_path.display()
         ),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[test]
+    fn a_service_is_started_for_names_that_look_like_options() {
+        let port = LinkChoice::Serial("-t".to_owned());
+        let words = arguments("-t", &port, Some(Path::new("--my.toml")));
+        let line = std::iter::once("forcectl".into()).chain(words);
+        let parsed = crate::cli::Cli::try_parse_from(line).expect("is parsed");
+        let crate::cli::Command::Serve(serve) = parsed.command else {
+            panic!("another command");
+        };
+        assert_eq!(serve.listen.name.as_deref(), Some("-t"));
+        assert_eq!(serve.link, Some(port));
+        assert_eq!(serve.rig.as_deref(), Some(Path::new("--my.toml")));
+    }
 }

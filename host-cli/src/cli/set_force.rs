@@ -313,7 +313,14 @@ fn table(outcome: &Outcome) -> String {
         let who = fault
             .unit
             .map_or_else(|| "board".to_owned(), |unit| format!("unit {unit}"));
-        row!(out, "fault at {:>6.2} s   {who}: {}", fault.t_s, fault.text);
+        // Meaning and way out were told when it came, and are in the figures.
+        let name = fault.text.split(". ").next().unwrap_or_default();
+        row!(
+            out,
+            "fault at {:>6.2} s   {who}: {name}; `forcectl explain {}`",
+            fault.t_s,
+            fault.code
+        );
     }
     // Why the run was stopped is the error, which is printed beside the table.
     for shortfall in &outcome.shortfalls {

@@ -20,6 +20,16 @@ pub fn newton(text: &str) -> Result<f64, String> {
     }
 }
 
+/// The size of a force, N, above 0. The rig's limits are checked with the rig file.
+pub fn force_size(text: &str) -> Result<f64, String> {
+    match newton(text)? {
+        size if size > 0.0 => Ok(size),
+        _ => Err(format!(
+            "`{text}` is not the size of a force; give newtons above 0, for example 2.5"
+        )),
+    }
+}
+
 /// A duration in seconds, 0.1 to 86400; a trailing `s` is allowed.
 pub fn seconds(text: &str) -> Result<f64, String> {
     let value: f64 = text
@@ -42,6 +52,27 @@ pub fn seconds_or_zero(text: &str) -> Result<f64, String> {
         return Ok(0.0);
     }
     seconds(text).map_err(|error| format!("{error}, or 0 for none"))
+}
+
+/// A difference of two clocks, s: within a century, because no time is further off.
+pub fn clock_shift(text: &str) -> Result<f64, String> {
+    const CENTURY_S: f64 = 100.0 * 365.25 * 86_400.0;
+    let parsed = text.parse().ok();
+    parsed
+        .filter(|s| (-CENTURY_S..=CENTURY_S).contains(s))
+        .ok_or_else(|| {
+            format!("`{text}` is no difference of two clocks; give seconds, for example -0.25, at most a century")
+        })
+}
+
+/// The largest error of a time, s: from 0 to a day.
+pub fn time_error(text: &str) -> Result<f64, String> {
+    let parsed = text.parse().ok().filter(|s| (0.0..=86_400.0).contains(s));
+    parsed.ok_or_else(|| {
+        format!(
+            "`{text}` is no largest error of a time; give 0 to 86400 seconds, for example 0.002"
+        )
+    })
 }
 
 /// Standard deviation of the robot's pose, mm.
@@ -92,6 +123,10 @@ mod tests {
     #[test]
     fn numbers_are_read_or_refused_with_an_example() {
         assert_eq!(newton("-2.5"), Ok(-2.5));
+        assert_eq!(force_size("0.5"), Ok(0.5));
+        for text in ["0", "-1", "nan", "inf"] {
+            assert!(force_size(text).is_err(), "{text}");
+        }
         assert_eq!(seconds("2s"), Ok(2.0));
         assert_eq!(seconds("0.1"), Ok(0.1));
         assert_eq!(seconds_or_zero("0"), Ok(0.0));
@@ -111,6 +146,13 @@ mod tests {
             let error = error.expect_err("is refused");
             assert!(error.contains(words), "{error}");
         }
+        assert_eq!(clock_shift("-0.25"), Ok(-0.25));
+        assert_eq!(time_error("0"), Ok(0.0));
+        for text in ["inf", "-inf", "nan", "1e300", "-1e300", "x", ""] {
+            assert!(clock_shift(text).is_err(), "{text}");
+            assert!(time_error(text).is_err(), "{text}");
+        }
+        assert!(time_error("-1").is_err_and(|error| error.contains("0 to 86400")));
         assert!(seed("-1").is_err_and(|error| error.contains("whole number from 0")));
         assert!(fault_number("x").is_err_and(|error| error.contains("forcectl explain")));
     }

@@ -76,15 +76,28 @@ impl Workspace {
         );
         let names = ["+x", "-x", "+y", "-y", "+z", "-z"];
         for (name, value) in names.iter().zip(found.along_n) {
+            let value = value.map_or_else(
+                || "not even zero".to_owned(),
+                |value| format!("{value:.2} N"),
+            );
             row!(
                 text,
-                "  along {name}                    {value:.2} N at the worst pose"
+                "  along {name}                    {value} at the worst pose"
+            );
+        }
+        if found.infeasible > 0 {
+            row!(
+                text,
+                "at {} of the {} poses zero force is out of reach: with the tensions of the rig file the cables can't be in \
+                 balance there; look at a smaller --radius",
+                found.infeasible,
+                found.poses
             );
         }
         let title = format!("{}: force that is feasible in every direction", rig.name);
         let svg = picture::maps(&title, "N", &workspace::planes(&rig, &options)).to_svg();
         let path = super::calibrate::picture(&self.out, "workspace.svg", &svg)?;
-        let mut json = json!({"poses": found.poses, "least_n": found.least_n, "mean_n": found.mean_n, "along_n": found.along_n,
+        let mut json = json!({"poses": found.poses, "least_n": found.least_n, "mean_n": found.mean_n, "infeasible": found.infeasible, "along_n": found.along_n,
             "picture_svg": path.display().to_string()});
         if self.place {
             self.placed(&rig, &options, &mut text, &mut json)?;

@@ -110,6 +110,26 @@ pub struct Run {
     pub moved: Moved,
 }
 
+/// A run tells whether a unit was moved where it knows two directions of the exit point better than
+/// this, m. The comparison shows a move from about four standard deviations on ([`MOVED_LEVEL`]):
+/// 2 cm, less than a clamp that is put elsewhere.
+pub const TOLD_SD_M: f64 = 0.005;
+
+impl Run {
+    /// Units of which the run tells too little to say whether they stand where the calibration
+    /// says: no exit point at all, or fewer than two directions of it to [`TOLD_SD_M`]. Along its
+    /// cable a run tells little of any unit.
+    #[must_use]
+    pub fn untold(&self) -> Vec<u8> {
+        let blind = |unit: &&UnitRun| unit.alone.directions[1].sd_m > TOLD_SD_M;
+        let blind = self.units.iter().filter(blind).map(|unit| unit.unit);
+        let mut found: Vec<u8> = self.not.iter().map(|(unit, _)| *unit).collect();
+        found.extend(blind);
+        found.sort_unstable();
+        found
+    }
+}
+
 /// Control cycles from one sample to the next that counts, 0.2 s. Errors of neighbouring cycles are
 /// alike (a delay times the speed of the tip), and the estimate takes them as independent.
 const EVERY: usize = 20;
@@ -381,7 +401,18 @@ mod tests {
         )
         .unwrap();
         assert_eq!(run.moved.verdict, MovedVerdict::Unmoved);
-        assert!(run.not.is_empty());
+        assert!(run.not.is_empty() && run.untold().is_empty());
+        // A fifth of the run, in which the tip moves by 3 mm: too little is told.
+        let center = rig.workspace.center_m;
+        let mut short = run_of(&exits, &center).map(|samples| samples[..600].to_vec());
+        for (exit_m, samples) in exits.iter().zip(&mut short) {
+            for sample in samples {
+                sample.tip_m = center + 0.05 * (sample.tip_m - center);
+                sample.travel_m = (exit_m - sample.tip_m).norm() - 0.4;
+            }
+        }
+        let few = evaluate(&short, &record, &Prior::default()).unwrap();
+        assert_eq!(few.untold(), [1, 2, 3, 4, 5, 6]);
         let samples = run_of(&exits, &rig.workspace.center_m);
         let parts = residuals(&samples, &run, &Prior::default());
         assert_eq!(parts.len(), 36);

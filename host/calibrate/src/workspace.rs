@@ -36,8 +36,11 @@ pub struct Feasible {
     pub least_n: f64,
     /// The same on average.
     pub mean_n: f64,
-    /// Force that is feasible along +x, -x, +y, -y, +z and -z, at the worst pose.
-    pub along_n: [f64; 6],
+    /// Poses at which not even zero force is feasible: the cables can't be tensioned there.
+    pub infeasible: usize,
+    /// Force that is feasible along +x, -x, +y, -y, +z and -z, at the worst pose; `None` where it
+    /// is not feasible in that direction at some pose, not even zero.
+    pub along_n: [Option<f64>; 6],
 }
 
 /// Feasible forces at the poses of a ball about the workspace's centre.
@@ -65,7 +68,11 @@ impl Feasible {
             poses: found.len(),
             least_n: least(&|r| r.radius_n),
             mean_n: found.iter().map(|r| r.radius_n).sum::<f64>() / found.len() as f64,
-            along_n: std::array::from_fn(|k| least(&|r| r.along_n[k].unwrap_or(f64::NEG_INFINITY))),
+            infeasible: found.iter().filter(|r| r.radius_n < 0.0).count(),
+            along_n: std::array::from_fn(|k| {
+                let all = found.iter().map(|r| r.along_n[k]);
+                all.reduce(|one, other| Some(one?.min(other?))).flatten()
+            }),
         }
     }
 }

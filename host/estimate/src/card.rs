@@ -170,6 +170,12 @@ impl ModelCard {
         self
     }
 
+    /// Where the card of a model file lies: JSON and Markdown.
+    #[must_use]
+    pub fn files(model: &Path) -> [PathBuf; 2] {
+        ["card.json", "card.md"].map(|end| beside(model, end))
+    }
+
     /// Writes the card beside the model, as JSON and as Markdown; returns the Markdown's path.
     ///
     /// # Errors
@@ -182,10 +188,10 @@ impl ModelCard {
                 "a figure of the model card is no finite number ({error}); check the range of the data"
             ))
         })?;
-        std::fs::write(beside(model, "card.json"), json + "\n")?;
-        let path = beside(model, "card.md");
-        std::fs::write(&path, self.markdown())?;
-        Ok(path)
+        let [card, page] = Self::files(model);
+        std::fs::write(card, json + "\n")?;
+        std::fs::write(&page, self.markdown())?;
+        Ok(page)
     }
 
     /// Reads the card beside a model file.

@@ -51,8 +51,10 @@ pub struct ClockCheck {
     pub uncertainty_median_s: Option<f64>,
     /// The largest one, s.
     pub uncertainty_max_s: Option<f64>,
-    /// Mean drift, ppm.
-    pub drift_ppm: f64,
+    /// Mean drift between the first reading and the last, ppm; `null` with fewer than two.
+    pub drift_ppm: Option<f64>,
+    /// Its largest error, ppm: of the offset at both readings, over the time between them.
+    pub drift_uncertainty_ppm: Option<f64>,
     /// By how much readings contradict a steady drift at most, s.
     pub contradiction_s: f64,
     /// How often this machine's UTC was set.
@@ -252,19 +254,27 @@ impl Checked {
     fn clock_of(&mut self, rows: &[ClockRow]) {
         let clocks = Clocks::of(rows);
         let mut uncertainties = Vec::new();
-        let mut drifts = Vec::new();
+        let mut known = Vec::new();
         for row in rows {
             let mut row = row.clone();
             clocks.refine(&mut row);
             uncertainties.extend(row.offset_uncertainty_s);
-            drifts.push(row.drift_ppm);
+            known.extend(
+                (row.offset_uncertainty_s).map(|error_s| (row.board_s, row.offset_s, error_s)),
+            );
             self.clock.contradiction_s = self.clock.contradiction_s.max(row.contradiction_s);
         }
         uncertainties.sort_by(f64::total_cmp);
         self.clock.bins = rows.len() as u64;
         self.clock.uncertainty_median_s = uncertainties.get(uncertainties.len() / 2).copied();
         self.clock.uncertainty_max_s = uncertainties.last().copied();
-        self.clock.drift_ppm = drifts.iter().sum::<f64>() / drifts.len().max(1) as f64;
+        if let (Some((t0, o0, e0)), Some((t1, o1, e1))) = (known.first(), known.last()) {
+            let passed_s = t1 - t0;
+            if passed_s > 0.0 {
+                self.clock.drift_ppm = Some(1e6 * (o1 - o0) / passed_s);
+                self.clock.drift_uncertainty_ppm = Some(1e6 * (e0 + e1) / passed_s);
+            }
+        }
     }
 
     fn counters_of(&mut self, rows: &[CounterRow]) {

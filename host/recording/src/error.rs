@@ -1,10 +1,20 @@
 //! Why a recording could not be written or read.
 
+use std::error::Error;
 use std::path::Path;
 
-/// Why a recording could not be written or read.
+/// What an error says. The crate `mcap` has one text for all failures of a file, and the system's
+/// words, for example of a full disk, behind it.
+pub(crate) fn text_of(error: &(dyn Error + 'static)) -> String {
+    match error.downcast_ref() {
+        Some(mcap::McapError::Io(cause)) => cause.to_string(),
+        _ => error.to_string(),
+    }
+}
+
+/// Why a recording, or a log beside it, could not be written or read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("recording {path}: {cause}; {advice}")]
+#[error("{path}: {cause}; {advice}")]
 pub struct RecordError {
     /// File.
     pub path: String,

@@ -34,11 +34,11 @@ pub struct Merge<'a> {
     pub log: &'a Path,
     /// Its column with the time, or two with a plus between.
     pub time: &'a str,
-    /// Added to the log's time, s.
+    /// Added to the log's time, s, finite.
     pub shift_s: f64,
-    /// Largest error of the log's time, s.
+    /// Largest error of the log's time, s, finite and from 0.
     pub log_error_s: f64,
-    /// Parquet file to write.
+    /// Parquet file to write, neither the log nor a file of the recording.
     pub out: &'a Path,
 }
 
@@ -260,10 +260,12 @@ const ADDED: [(&str, Kind); 29] = [
 /// Joins a log with a recording.
 ///
 /// # Errors
-/// A file can't be read or written, or the log has no such column of times. Where no row of the log
-/// is within the recording nothing is written.
+/// A file can't be read or written, or the log has no such column of times, two columns of one name
+/// or one with a name that the join adds. Where no row of the log is within the recording nothing
+/// is written.
 pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
     let log = Log::read(options.log)?;
+    log.check_names()?;
     let times = log.times(options)?;
     let recorded = Recorded::read(&mcap_of(options.recording))?;
     let mut merged = Merged {
@@ -436,6 +438,46 @@ impl Log {
         })
     }
 
+    /// Refuses names with which a file would have two columns of one name: readers take one of
+    /// them, or refuse the file.
+    fn check_names(&self) -> Result<(), RecordError> {
+        let refused = |cause, advice| {
+            Err(RecordError {
+                path: self.path.clone(),
+                cause,
+                advice,
+            })
+        };
+        let ours = ADDED.map(|(name, _)| name);
+        let list = |names: Vec<&String>| {
+            let quoted: Vec<_> = names.iter().map(|name| format!("`{name}`")).collect();
+            quoted.join(", ")
+        };
+        let names = self.names.iter();
+        let added: Vec<_> = names
+            .clone()
+            .filter(|name| ours.contains(&name.as_str()))
+            .collect();
+        if !added.is_empty() {
+            return refused(
+                format!("it has columns that the join adds: {}", list(added)),
+                "give the log as it was before a join, or rename these columns",
+            );
+        }
+        let twice: Vec<_> = names
+            .enumerate()
+            .filter(|(n, name)| self.names[..*n].contains(name))
+            .map(|(_, name)| name)
+            .collect();
+        if !twice.is_empty() {
+            return refused(
+                format!("it has more than one column of the name {}", list(twice)),
+                "give each column of the log its own name",
+            );
+        }
+        Ok(())
+    }
+
     fn column(&self, name: &str) -> Result<usize, RecordError> {
         self.names
             .iter()
@@ -483,13 +525,17 @@ impl Log {
                     });
                 }
                 time.ok()
-                    .and_then(|ns| u64::try_from(ns + shift_ns).ok())
+                    .and_then(|ns| u64::try_from(ns.checked_add(shift_ns)?).ok())
                     .ok_or_else(|| RecordError {
                         path: self.path.clone(),
                         cause: format!(
-                            "row {} has no time in `{}` that is a UTC of this century: {:?}",
+                            "row {} has no time in `{}` that is a UTC of this century{}: {:?}",
                             n + 1,
                             options.time,
+                            match options.shift_s {
+                                0.0 => String::new(),
+                                s => format!(" with a shift of {s} s"),
+                            },
                             cells
                         ),
                         advice: "give UTC or ROS time (s, ms, us or ns since 1970, or RFC 3339); a time since the start of the log can't be joined",
@@ -509,12 +555,15 @@ enum NoTime {
     Other,
 }
 
+/// 2000 and 2100, s since 1970.
+const CENTURY: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
+
 /// UTC of a cell, or of seconds and nanoseconds, or of a date and a time of day, ns since 1970.
 fn utc_ns(cells: &[&Cell]) -> Result<i64, NoTime> {
-    /// 2000 and 2100, s since 1970.
-    const CENTURY: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
     match cells {
-        [Cell::Double(secs), Cell::Double(nsecs)] if CENTURY.contains(secs) => {
+        [Cell::Double(secs), Cell::Double(nsecs)]
+            if CENTURY.contains(secs) && (0.0..=1e9).contains(nsecs) =>
+        {
             Ok(*secs as i64 * 1_000_000_000 + *nsecs as i64)
         }
         [Cell::Double(value)] => [1e9, 1e6, 1e3, 1.0]
@@ -540,6 +589,7 @@ fn utc_of_text(text: &str) -> Result<i64, NoTime> {
     let stamp = dates::stamp(text).filter(|stamp| stamp.kind == dates::Kind::Both);
     match stamp.ok_or(NoTime::Other)? {
         stamp if stamp.unsure => Err(NoTime::Unsure),
+        stamp if !CENTURY.contains(&(stamp.seconds as f64)) => Err(NoTime::Other),
         stamp if stamp.zoned => Ok(stamp.seconds * 1_000_000_000 + i64::from(stamp.nanoseconds)),
         _ => Err(NoTime::NoZone),
     }
@@ -599,6 +649,16 @@ fn parquet_rows(path: &Path) -> Result<Texts, RecordError> {
     let file = std::fs::File::open(path).map_err(|error| unreadable(&error))?;
     let reader = SerializedFileReader::new(file).map_err(|error| unreadable(&error))?;
     let schema = reader.metadata().file_metadata().schema_descr();
+    let columns = schema.columns().iter();
+    if let Some(nested) = columns
+        .map(|c| c.path())
+        .find(|path| path.parts().len() > 1)
+    {
+        return Err(unreadable(&format!(
+            "the column `{}` has parts",
+            nested.string()
+        )));
+    }
     let names = schema
         .columns()
         .iter()
@@ -681,9 +741,85 @@ mod tests {
             "2026-11-25T20:59:23+25:00",
             "20:59:23",
             "2026-13-25T20:59:23Z",
+            "9999-11-25T20:59:23Z",
         ] {
             assert_eq!(utc(text), Err(NoTime::Other), "{text}");
         }
+    }
+
+    #[test]
+    fn numbers_beyond_all_times_are_refused() {
+        let double = Cell::Double;
+        for nsecs in [-1.0, 2e9, 1e300, f64::INFINITY, f64::NAN] {
+            let cells = [&double(1.8e9), &double(nsecs)];
+            assert_eq!(utc_ns(&cells), Err(NoTime::Other), "{nsecs}");
+        }
+        let cells = [&double(1.8e9), &double(5.0)];
+        assert_eq!(utc_ns(&cells), Ok(1_800_000_000_000_000_005));
+        // A shift beyond what a time holds.
+        let log = Log {
+            names: vec!["t".to_owned()],
+            numeric: vec![true],
+            rows: vec![vec![double(1.8e9)]],
+            path: "log.csv".to_owned(),
+        };
+        let options = |shift_s| Merge {
+            recording: Path::new(""),
+            log: Path::new(""),
+            time: "t",
+            shift_s,
+            log_error_s: 0.0,
+            out: Path::new(""),
+        };
+        for shift_s in [1e300, f64::INFINITY, -1e300, -2e9] {
+            let error = log.times(&options(shift_s)).unwrap_err().to_string();
+            assert!(error.contains("with a shift of"), "{error}");
+        }
+        assert_eq!(
+            log.times(&options(-1.5)),
+            Ok(vec![1_799_999_998_500_000_000])
+        );
+    }
+
+    #[test]
+    fn names_of_columns_are_refused_where_a_file_would_have_one_twice() {
+        let log = |names: &[&str]| Log {
+            names: names.iter().map(|&name| name.to_owned()).collect(),
+            numeric: vec![true; names.len()],
+            rows: Vec::new(),
+            path: "log.csv".to_owned(),
+        };
+        assert_eq!(log(&["t", "q", ""]).check_names(), Ok(()));
+        let error = log(&["t", "q", "q", "f", "f"]).check_names().unwrap_err();
+        assert!(error.to_string().contains("`q`, `f`;"), "{error}");
+        let error = log(&["t", "log_utc", "rig_phase"]).check_names();
+        let error = error.unwrap_err().to_string();
+        assert!(error.starts_with("log.csv: "), "{error}");
+        assert!(error.contains("`log_utc`, `rig_phase`;"), "{error}");
+    }
+
+    #[test]
+    fn a_parquet_log_with_parts_is_refused() {
+        use ::parquet::data_type::DoubleType;
+        use ::parquet::file::writer::SerializedFileWriter;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.parquet");
+        let schema =
+            "message row { required group pose { required double x; required double y; } }";
+        let schema = ::parquet::schema::parser::parse_message_type(schema).unwrap();
+        let file = std::fs::File::create(&path).unwrap();
+        let mut writer =
+            SerializedFileWriter::new(file, schema.into(), Default::default()).unwrap();
+        let mut group = writer.next_row_group().unwrap();
+        while let Some(mut column) = group.next_column().unwrap() {
+            let column_writer = column.typed::<DoubleType>();
+            column_writer.write_batch(&[1.0], None, None).unwrap();
+            column.close().unwrap();
+        }
+        group.close().unwrap();
+        writer.close().unwrap();
+        let error = Log::read(&path).err().unwrap().to_string();
+        assert!(error.contains("`pose.x` has parts"), "{error}");
     }
 
     #[test]

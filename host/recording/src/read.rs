@@ -1,6 +1,6 @@
 //! Reading a recording's MCAP file from start to end, complete or cut off in the middle.
 
-use super::error::RecordError;
+use super::error::{text_of, RecordError};
 use super::format::{
     table_topic, BOARD_METADATA, CONFIGURATION_METADATA, MCAP_FILE, METADATA, RIG_ATTACHMENT,
 };
@@ -144,7 +144,7 @@ impl Reader {
             Ok(Some(record)) => return Some(record),
             Ok(None) if self.footer => End::Complete,
             Ok(None) | Err(mcap::McapError::UnexpectedEof) => End::CutOff,
-            Err(error) => End::Damaged(error.to_string()),
+            Err(error) => End::Damaged(text_of(&error)),
         };
         None
     }

@@ -1,7 +1,7 @@
 //! The recorder: takes what a run produces without ever waiting for a disk, and hands it to the
 //! thread that writes.
 
-use crate::error::RecordError;
+use crate::error::{text_of, RecordError};
 use crate::format::{BOARD_METADATA, JSON_FILE, MCAP_FILE};
 use crate::metadata::{configuration_pairs, Metadata};
 use crate::queue::{Item, Shared};
@@ -121,7 +121,7 @@ impl Recorder {
         let shared = Arc::<Shared>::default();
         let path = folder.join(MCAP_FILE);
         let writer = Writer::create(storage, metadata, Arc::clone(&shared))
-            .map_err(|error| RecordError::new(&path, &error))?;
+            .map_err(|error| RecordError::new(&path, &text_of(&*error)))?;
         let (items, received) = sync_channel(QUEUE);
         let thread = std::thread::Builder::new()
             .name("recorder".to_owned())

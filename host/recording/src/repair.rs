@@ -4,7 +4,7 @@
 //! refuse one that a killed run has left. The copy has index and statistics, and a topic for each
 //! unit's samples also where the recording is an old one with a topic for all.
 
-use super::error::RecordError;
+use super::error::{text_of, RecordError};
 use super::format::{FORMAT, FORMATS, METADATA};
 use super::read::{mcap_of, End, Reader};
 use super::rows::SampleRow;
@@ -50,15 +50,16 @@ pub fn repair(recording: &Path, to: &Path) -> Result<Repaired, RecordError> {
         .library(format!("forcectl {}", env!("CARGO_PKG_VERSION")))
         .create(BufWriter::new(file));
     let mut copy = Copy {
-        mcap: mcap.map_err(|error| failed(&error))?,
+        mcap: mcap.map_err(|error| failed(&text_of(&error)))?,
         schemas: HashMap::new(),
         channels: HashMap::new(),
         messages: 0,
     };
     while let Some(record) = reader.record() {
-        copy.take(record).map_err(|error| failed(&error))?;
+        copy.take(record)
+            .map_err(|error| failed(&text_of(&error)))?;
     }
-    copy.mcap.finish().map_err(|error| failed(&error))?;
+    (copy.mcap.finish()).map_err(|error| failed(&text_of(&error)))?;
     let file = copy.mcap.into_inner().into_inner();
     let file = file.map_err(|error| failed(error.error()))?;
     part.finish(file).map_err(|error| failed(&error))?;

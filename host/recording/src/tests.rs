@@ -666,6 +666,9 @@ fn a_full_disk_costs_nothing_where_room_comes_back_and_the_rest_where_it_does_no
         wait();
         let text = recorder.trouble().unwrap();
         assert!(text.contains("tried again"), "{text}");
+        // The system's words.
+        let why = io::ErrorKind::StorageFull.to_string();
+        assert!(text.contains(&why), "{text}");
         wait();
         assert_eq!(recorder.trouble(), None, "once");
         assert_eq!(disk.bytes.lock().unwrap().len(), good, "no part of a chunk");
@@ -679,7 +682,8 @@ fn a_full_disk_costs_nothing_where_room_comes_back_and_the_rest_where_it_does_no
         } else {
             assert_eq!((there, end), (101 * 20, End::CutOff));
             let failure = finished.failures[0].to_string();
-            assert!(failure.contains(MCAP_FILE), "{failure}");
+            let named = failure.contains(MCAP_FILE) && failure.contains(&why);
+            assert!(named, "{failure}");
         }
         // What is told is what is in the file.
         assert_eq!(finished.samples, there as u64);

@@ -1,6 +1,7 @@
 //! The thread that writes: turns what was received into rows, and brings a chunk to the disk twice
 //! a second.
 
+use crate::error::text_of;
 use crate::format::{CONFIGURATION_METADATA, METADATA, RIG_ATTACHMENT, TABLES};
 use crate::foxglove::{self, Arrow, Scene, TipPose, TipTransform};
 use crate::metadata::{configuration_pairs, Metadata};
@@ -195,7 +196,7 @@ impl Writer {
             Ok(()) => self.shared.stored(self.rows),
             Err(error) => {
                 self.shared.never_stored(self.rows);
-                self.shared.fail(&error.to_string());
+                self.shared.fail(&text_of(&*error));
             }
         }
     }
@@ -213,7 +214,7 @@ impl Writer {
             }
             Err(error) => {
                 self.failing = true;
-                self.shared.trouble(&error.to_string());
+                self.shared.trouble(&text_of(&error));
             }
         }
     }
@@ -530,7 +531,7 @@ impl Writer {
     /// Errors here are not the disk's, which show in `flush`.
     fn check(&self, written: Result<(), McapError>) {
         if let Err(error) = written {
-            self.shared.fail(&error.to_string());
+            self.shared.fail(&text_of(&*error));
         }
     }
 }

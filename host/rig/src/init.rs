@@ -88,6 +88,9 @@ pub const QUESTIONS: [Question; 10] = [
     },
 ];
 
+/// Largest coordinate of a place, m: that of a rig file (`read`).
+const PLACE_MAX_M: f64 = 10.0;
+
 /// The first lines of a rig file that was made.
 const HEADER: &str = "\
 # Rig file, made by `forcectl init`. SI units throughout; every key is checked when the file is read
@@ -198,12 +201,29 @@ impl<'a> Writer<'a> {
         found
     }
 
+    /// A place near the robot, m.
+    fn place(&mut self, key: &str, text: &str) -> Option<[f64; 3]> {
+        let place_m = self.numbers::<3>(key, text)?;
+        if let Some(far) = place_m.iter().find(|x| x.abs() > PLACE_MAX_M) {
+            self.problems.push(format!(
+                "{key}: {far} m in `{text}` is too far: at most {PLACE_MAX_M} m are allowed; give metres, not millimetres"
+            ));
+            return None;
+        }
+        Some(place_m)
+    }
+
     /// What belongs to the rig as a whole.
     fn rig(&mut self) {
         if let Some(mut first) = self.document.key_mut("schema") {
             first.leaf_decor_mut().set_prefix(HEADER);
         }
         let name = self.answer("name");
+        if name.is_empty() || name.contains(char::is_control) {
+            self.problems.push(format!(
+                "name: {name:?} is no name; give one line of text, as in lab-3"
+            ));
+        }
         set(&mut self.document["name"], name);
         let link = self.answer("link");
         if let Err(error) = link.parse::<LinkChoice>() {
@@ -212,7 +232,7 @@ impl<'a> Writer<'a> {
         set(&mut self.document["link"]["rig"], link);
         self.pose();
         let (center, radius) = (self.answer("center"), self.answer("radius"));
-        if let Some(center_m) = self.numbers::<3>("center", center) {
+        if let Some(center_m) = self.place("center", center) {
             set(
                 &mut self.document["workspace"]["center_m"],
                 Array::from_iter(center_m),
@@ -248,7 +268,7 @@ impl<'a> Writer<'a> {
                 set(&mut self.document["pose"]["max_age_s"], 0.1);
             }
             "static" => {
-                if let Some(position_m) = self.numbers::<3>("pose", rest) {
+                if let Some(position_m) = self.place("pose", rest) {
                     set(&mut self.document["pose"]["position_m"], Array::from_iter(position_m));
                 }
             }
@@ -281,7 +301,7 @@ impl<'a> Writer<'a> {
                     .map(|text| text.as_str())
             });
             let exit_m = match exit {
-                Some(exit) => self.numbers::<3>("exit", exit),
+                Some(exit) => self.place("exit", exit),
                 None if enabled => {
                     self.problems
                         .push(format!("exit: unit {number} has no answer"));
@@ -448,6 +468,13 @@ mod tests {
         for (key, text, words) in [
             ("link", "pigeon", "serial:PORT"),
             ("pose", "udp nowhere", "udp ADDRESS:PORT"),
+            ("pose", "static -80 25 -140", "not millimetres"),
+            ("center", "-80 25 -140", "-80 m"),
+            ("exit", "1: 335 45 -110", "335 m"),
+            ("name", "", "one line of text"),
+            ("name", " ", "one line of text"),
+            ("name", "lab\n3", "one line of text"),
+            ("name", "lab\u{1b}[31m", "one line of text"),
             ("pose", "static 1 2", "3 numbers"),
             ("center", "1 2 nan", "3 numbers"),
             ("radius", "wide", "1 number"),

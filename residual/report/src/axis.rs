@@ -1,6 +1,7 @@
 //! Labels of plot axes: an expression of the model as words, with its unit.
 
 use super::plot::Plot;
+use super::words::titled;
 use super::Report;
 
 impl Report {
@@ -20,11 +21,7 @@ impl Report {
     /// Label of an axis, in words and with its unit, from the expression that was evaluated for it.
     fn axis(&self, expression: &str) -> String {
         let (name, unit) = self.quantity(expression);
-        if unit.is_empty() {
-            name
-        } else {
-            format!("{name}, {unit}")
-        }
+        titled(&name, &unit)
     }
 
     /// Name and unit of an expression of the kind that effects are plotted against; any other

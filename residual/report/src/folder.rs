@@ -10,6 +10,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Files of a report apart from plots and models.
 const TEXTS: [&str; 3] = ["report.md", "report.html", "report.json"];
 
+/// Model files of a report.
+pub const MODELS: [&str; 2] = ["MODEL.extended.toml", "MODEL.frozen.toml"];
+
 /// Prepares a folder for a report, without creating it: checks that it can be written to, and
 /// removes the reports and plots of an earlier analysis, so that they are not mistaken for new ones
 /// if this one fails. Model files stay, because one of them may be the input. In a folder without a
@@ -103,8 +106,9 @@ impl Report {
                 _ => None,
             })
             .collect();
-        files.push(("MODEL.extended.toml".into(), self.model()?));
-        files.push(("MODEL.frozen.toml".into(), self.frozen()?));
+        let [extended, frozen] = MODELS;
+        files.push((extended.into(), self.model()?));
+        files.push((frozen.into(), self.frozen()?));
         files.push(("report.md".into(), self.markdown()));
         files.push(("report.html".into(), self.html()));
         files.push(("report.json".into(), self.json()?));

@@ -30,7 +30,7 @@ mod types;
 mod words;
 
 pub use compensation::{Compensation, Ripple};
-pub use folder::clear;
+pub use folder::{clear, MODELS};
 pub use plot::Plot;
 pub use plot::WITHOUT;
 pub use types::{Ambiguity, Effect, NotMaterial, Report, Tested};

@@ -2,7 +2,7 @@
 
 use super::document::Part;
 use super::plot::Plot;
-use super::words::{first_of, joined, readable};
+use super::words::{behind, first_of, joined, readable, titled};
 use super::{DeclaredTerm, Effect, Figures, ModelTest, Report, Rival, Verdict};
 use residual_columns::format::{num, p_value, percent, positive_zero, with_interval};
 use residual_effects::EffectKind;
@@ -64,7 +64,6 @@ impl Report {
 
     /// Errors of the declared model, after each effect in turn, and of the final model.
     pub(super) fn errors(&self) -> Vec<Part> {
-        let u = &self.unit;
         let full = |name: String, f: &Figures| {
             let (rmse, rmse_ci) = with_interval(f.heldout_rmse, f.heldout_rmse_ci);
             let (mae, mae_ci) = with_interval(f.heldout_mae, f.heldout_mae_ci);
@@ -92,9 +91,9 @@ impl Report {
             Part::table(
                 &[
                     "model",
-                    &format!("held-out RMSE, {u}"),
-                    &format!("held-out MAE, {u}"),
-                    &format!("in-sample RMSE, {u}"),
+                    &titled("held-out RMSE", &self.unit),
+                    &titled("held-out MAE", &self.unit),
+                    &titled("in-sample RMSE", &self.unit),
                 ],
                 rows,
             ),
@@ -140,7 +139,7 @@ impl Report {
                 first_of(&check.files, 4)
             )),
             Part::table(
-                &["model", &format!("RMSE, {}", self.unit)],
+                &["model", &titled("RMSE", &self.unit)],
                 vec![
                     row("declared", check.declared_rmse),
                     row(
@@ -199,7 +198,7 @@ impl Report {
             Part::table(
                 &[
                     "effect",
-                    &format!("held-out RMSE without and with it, {}", self.unit),
+                    &titled("held-out RMSE without and with it", &self.unit),
                     "parameters",
                     "why",
                 ],
@@ -212,9 +211,9 @@ impl Report {
     fn held_out(&self) -> String {
         let nested = match self.nested_rmse {
             Some(rmse) => format!(
-                " With the whole selection repeated without each fold, the RMSE on the fold left out is {} {}.",
+                " With the whole selection repeated without each fold, the RMSE on the fold left out is {}{}.",
                 num(rmse),
-                self.unit
+                behind(&self.unit)
             ),
             None => String::new(),
         };
@@ -227,7 +226,7 @@ impl Report {
 
     /// The effect with this index.
     pub(super) fn effect(&self, i: usize) -> Vec<Part> {
-        let (e, u) = (&self.effects[i], &self.unit);
+        let (e, u) = (&self.effects[i], behind(&self.unit));
         let kind = if self.verdict == Verdict::Unknown {
             "Approximating effect"
         } else {
@@ -241,7 +240,7 @@ impl Report {
         let mut out = vec![
             Part::Heading(format!("{kind} {}: {}", i + 1, self.heading_of(e))),
             Part::Text(format!(
-                "{meaning}. Form: {}. Held-out RMSE {} {u} without it and {} {u} with it.",
+                "{meaning}. Form: {}. Held-out RMSE {}{u} without it and {}{u} with it.",
                 e.form,
                 num(e.heldout_without),
                 num(self.last.heldout_rmse)
@@ -271,11 +270,11 @@ impl Report {
     /// effects whose names the data do not support, so both figures are of the model with all of
     /// them.
     fn rival(&self, r: &Rival) -> Part {
-        let u = &self.unit;
+        let u = behind(&self.unit);
         let place = match &self.with_all {
             None => "Nearest rival:".to_string(),
             Some(all) => format!(
-                "Nearest rival, in the model with all that improves the fit (held-out RMSE {} {u}):",
+                "Nearest rival, in the model with all that improves the fit (held-out RMSE {}{u}):",
                 num(all.heldout_rmse)
             ),
         };
@@ -289,7 +288,7 @@ impl Report {
             format!("{} larger", percent(r.behind))
         };
         Part::Text(format!(
-            "{place} with {} in its place the held-out RMSE is {} {u}, {than}.",
+            "{place} with {} in its place the held-out RMSE is {}{u}, {than}.",
             r.name,
             num(r.heldout_rmse)
         ))
@@ -321,10 +320,10 @@ impl Report {
             [
                 Part::Heading(format!("As good: {own} or {others}")),
                 Part::Text(format!(
-                    "Another course of the search found {others} in the place of {own}. Its held-out RMSE is {} {}, within 0.3 % or one \
+                    "Another course of the search found {others} in the place of {own}. Its held-out RMSE is {}{}, within 0.3 % or one \
                      standard error of that of the course that was taken. A measurement in which the two differ would tell.",
                     num(p.heldout_rmse),
-                    self.unit
+                    behind(&self.unit)
                 )),
             ]
         });

@@ -1,7 +1,7 @@
 //! The verdict in one or two sentences.
 
 use super::sections::{CHECKS, UNEXPLAINED};
-use super::words::joined;
+use super::words::{behind, joined};
 use super::{Effect, Figures, Report, Structure, Verdict};
 use residual_columns::format::{num, percent};
 use residual_evidence::leftover::LINE_OF_INPUT;
@@ -89,12 +89,12 @@ impl Report {
         };
         let all = self.equal_paths.iter().map(|p| {
             format!(
-                " These data do not tell {} or {}: with {} the model predicts as well (held-out RMSE {} {}).",
+                " These data do not tell {} or {}: with {} the model predicts as well (held-out RMSE {}{}).",
                 joined(&p.effects, " and "),
                 joined(&p.instead, " and "),
                 joined(&p.instead, " and "),
                 num(p.heldout_rmse),
-                self.unit
+                behind(&self.unit)
             )
         });
         all.chain([more]).collect()
@@ -211,9 +211,9 @@ impl Report {
             _ => "Further effects improve",
         };
         format!(
-            " {which} the fit (to {} {}), but the data do not support the name: {names}.",
+            " {which} the fit (to {}{}), but the data do not support the name: {names}.",
             num(all.heldout_rmse),
-            self.unit
+            behind(&self.unit)
         )
     }
 
@@ -238,16 +238,16 @@ impl Report {
             } else {
                 ""
             };
-            let u = &self.unit;
+            let u = behind(&self.unit);
             let held_out = self.last.heldout_rmse;
             let worse = check.worse_than(held_out).map_or(String::new(), |ratio| {
                 format!(
-                    "; that is {ratio:.2} times the held-out RMSE of {} {u}, so the model fits these data less well than the searched ones",
+                    "; that is {ratio:.2} times the held-out RMSE of {}{u}, so the model fits these data less well than the searched ones",
                     num(held_out)
                 )
             });
             format!(
-                " On the check data: RMSE {} -> {} {u}{repeats}{worse}.",
+                " On the check data: RMSE {} -> {}{u}{repeats}{worse}.",
                 num(check.declared_rmse),
                 num(check.found_rmse)
             )
@@ -272,17 +272,17 @@ impl Report {
 
     /// The verdict in one or two sentences.
     fn answer(&self) -> String {
-        let u = &self.unit;
+        let u = behind(&self.unit);
         let (b, f) = (num(self.baseline.heldout_rmse), num(self.last.heldout_rmse));
         let all: Vec<&Effect> = self.effects.iter().collect();
         let list = self.listed(&all);
         match self.verdict {
             Verdict::None => format!(
-                "Nothing material is missing: held-out RMSE {b} {u}.{}",
+                "Nothing material is missing: held-out RMSE {b}{u}.{}",
                 self.coloured()
             ),
             Verdict::Effect | Verdict::Several => {
-                format!("The model lacks {list}: held-out RMSE {b} -> {f} {u}.")
+                format!("The model lacks {list}: held-out RMSE {b} -> {f}{u}.")
             }
             Verdict::NotIdentifiable => {
                 let alternatives = self
@@ -320,11 +320,11 @@ impl Report {
                     _ => format!(" It also lacks {}.", also.join(", ")),
                 };
                 let either = joined(alternatives, " or ");
-                format!("The model lacks {either}; these data cannot distinguish them: held-out RMSE {b} -> {f} {u}.{also}")
+                format!("The model lacks {either}; these data cannot distinguish them: held-out RMSE {b} -> {f}{u}.{also}")
             }
             Verdict::Unknown if self.limited.is_some() && all.is_empty() => format!(
                 "Structure remains, and the search was not allowed to look further (max_effects = {}): {} would fit it. \
-                 Held-out RMSE {b} {u}.",
+                 Held-out RMSE {b}{u}.",
                 self.extended.selection.max_effects,
                 joined(&self.limited.into_iter().collect::<Vec<_>>(), "")
             ),
@@ -336,7 +336,7 @@ impl Report {
                     _ => format!(" The effects {list} describe only part of it."),
                 };
                 let hold = self.holding();
-                format!("Structure remains that no effect of the catalogue explains: {on}.{part}{hold} Held-out RMSE {b} -> {f} {u}.")
+                format!("Structure remains that no effect of the catalogue explains: {on}.{part}{hold} Held-out RMSE {b} -> {f}{u}.")
             }
         }
     }
@@ -389,6 +389,31 @@ mod tests {
         }
         let class = format!("<p class=\"verdict {banner}\">");
         assert!(report.html().contains(&class), "{class}");
+    }
+
+    #[test]
+    fn a_figure_without_a_unit_has_no_space_and_no_comma_behind_it() {
+        let verdicts = [
+            Verdict::None,
+            Verdict::Effect,
+            Verdict::NotIdentifiable,
+            Verdict::Unknown,
+        ];
+        for verdict in verdicts {
+            let mut report = example::report();
+            report.verdict = verdict;
+            report.unit = String::new();
+            for text in [report.summary(), report.markdown(), report.html()] {
+                for mark in [" .", " ,", " ;", " )"] {
+                    let figure = |at: &usize| text[..*at].ends_with(|c: char| c.is_ascii_digit());
+                    let found = text.match_indices(mark).map(|(at, _)| at).find(figure);
+                    let line = found.map(|at| text[..at].lines().last());
+                    assert_eq!(line, None, "{verdict:?}: `{mark}`");
+                }
+                let empty = [", |", ", </"].iter().find(|end| text.contains(**end));
+                assert_eq!(empty, None, "{verdict:?}: {text}");
+            }
+        }
     }
 
     #[test]

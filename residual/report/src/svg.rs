@@ -1,6 +1,7 @@
 //! Plots of residuals as small pictures.
 
 use super::plot::Plot;
+use super::words::{behind, titled};
 use residual_columns::format::num;
 use residual_columns::stats::quantile_sorted;
 use scene::{Anchor, Axes, Color, Scene, GRAY};
@@ -70,9 +71,10 @@ fn panels(p: &Plot, unit: &str) -> (Vec<Panel>, (f64, f64)) {
     let panel = |column: usize, y: (f64, f64)| Panel {
         column,
         title: format!(
-            "{}: RMS {} {unit}",
+            "{}: RMS {}{}",
             p.names[column - 1],
-            num(p.rms[column - 1])
+            num(p.rms[column - 1]),
+            behind(unit)
         ),
         y,
     };
@@ -153,7 +155,7 @@ fn shortened(text: &str, most: usize) -> String {
 /// A picture with the name of its y axis.
 fn open(width: f32, height: f32, p: &Plot, unit: &str) -> Scene {
     let mut scene = Scene::new(width, height);
-    let y = format!("{}, {unit}", p.value);
+    let y = titled(&p.value, unit);
     scene.describe(&format!("{y} against {}", p.against));
     scene.upward_text((14.0, TOP + H / 2.0), &y);
     scene

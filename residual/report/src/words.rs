@@ -100,6 +100,22 @@ impl Report {
     }
 }
 
+/// A unit as it stands behind a figure: with a space before it, or nothing where there is none.
+pub(super) fn behind(unit: &str) -> String {
+    match unit {
+        "" => String::new(),
+        unit => format!(" {unit}"),
+    }
+}
+
+/// The title of figures with their unit, where there is one.
+pub(super) fn titled(what: &str, unit: &str) -> String {
+    match unit {
+        "" => what.to_owned(),
+        unit => format!("{what}, {unit}"),
+    }
+}
+
 /// A parameter of an effect by its name, with its unit; an order has none.
 fn at(effect: &Effect, name: &str) -> Option<String> {
     let value = num(*effect.params.get(name)?);

@@ -83,6 +83,8 @@ impl Moving {
             .output
             .note(&format!("residuals: {}", path.display()));
         let unmoved = found.moved.verdict == MovedVerdict::Unmoved;
+        // What a run does not tell it can't tell to be unmoved; what it shows to be moved is.
+        let told = !unmoved || found.untold().is_empty();
         let mut version = None;
         if self.store && !unmoved {
             return Err(Failure::new(
@@ -91,7 +93,7 @@ impl Moving {
             )
             .with_reply(Reply::new(text, json!({"moved": true}))));
         }
-        if self.store {
+        if self.store && told {
             moving::apply(&mut bench.record, &found);
             let kept = bench.keep(context)?;
             row!(
@@ -107,10 +109,13 @@ impl Moving {
             .map(|u| json!({"unit": u.unit, "exit_m": u.alone.exit_m.as_slice(), "exit_sd_m": u.alone.covariance_m2.trace().sqrt(),
                 "unobserved": u.alone.unobserved().len()}))
             .collect();
-        Ok(Reply::new(
-            text,
-            json!({"units": units, "moved": !unmoved, "moved_p": found.moved.p, "version": version, "advice": advice}),
-        ))
+        if self.store && !told {
+            row!(text, "nothing was stored");
+        }
+        let json = json!({"units": units, "moved": told.then_some(!unmoved), "moved_p": found.moved.p, "untold": found.untold(),
+            "version": version, "advice": advice});
+        let code = if told { exit::DONE } else { exit::DEGRADED };
+        Ok(Reply::new(text, json).with_code(code))
     }
 
     /// Which motion would tell all exit points as well as `--aim` says.
@@ -207,11 +212,29 @@ fn table(bench: &Bench, found: &Run) -> String {
     for (unit, why) in &found.not {
         row!(text, "{unit:>4}   {why}");
     }
+    let list = |units: &[u8]| {
+        units
+            .iter()
+            .map(u8::to_string)
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let untold = found.untold();
     let verdict = match &found.moved.verdict {
-        MovedVerdict::Unmoved => "the rig stands where its calibration says, as far as this run tells".to_owned(),
+        MovedVerdict::Unmoved if !untold.is_empty() => {
+            row!(
+                text,
+                "this run does not tell whether the rig was moved: of unit {} it does not know two directions of the exit point \
+                 to {:.0} mm; see the motion or the time below",
+                list(&untold),
+                1e3 * moving::TOLD_SD_M
+            );
+            return text;
+        }
+        MovedVerdict::Unmoved => "the rig stands where its calibration says, but for the directions that are not observed".to_owned(),
         MovedVerdict::Units(units) => format!(
             "MOVED since the calibration: unit {}; calibrate geometry again",
-            units.iter().map(u8::to_string).collect::<Vec<_>>().join(", ")
+            list(units)
         ),
         MovedVerdict::Body { translation_m, rotation_rad } => format!(
             "MOVED since the calibration: all units as one body (or the robot) by {:.1} mm and {:.2} degrees; calibrate geometry again",
@@ -227,7 +250,7 @@ fn table(bench: &Bench, found: &Run) -> String {
 #[derive(Debug, Args)]
 pub struct Verify {
     /// Size of the forces along +x, -x, +y, -y, +z, -z, N
-    #[arg(long, value_name = "N", default_value_t = 2.5)]
+    #[arg(long, value_name = "N", default_value = "2.5", allow_negative_numbers = true, value_parser = values::force_size)]
     force: f64,
     /// Time for which each is held
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = values::seconds)]

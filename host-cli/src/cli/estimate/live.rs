@@ -1,7 +1,7 @@
 //! `forcectl estimate run`: a force for each row, as the rows come.
 
 use super::robot::{Heard, Robot};
-use super::{model, read};
+use super::{inputs, model, read};
 use crate::cli::exit::{self, Failure, Reply, Result};
 use crate::cli::values::AXES;
 use crate::cli::Context;
@@ -166,7 +166,6 @@ impl<'a> Run<'a> {
             self.times_us
                 .get(((self.times_us.len() as f64 * share) as usize).min(last))
                 .copied()
-                .unwrap_or(0.0)
         };
         let (rows, median, p99) = (self.times_us.len(), at(0.5), at(0.99));
         let (anew, valid) = (self.anew, self.valid);
@@ -179,24 +178,55 @@ impl<'a> Run<'a> {
             }
             if let Some(path) = &of.plot {
                 let svg = estimate::pictures::replay(table, AXES[estimator.axes[0]]).to_svg();
-                std::fs::write(path, svg).map_err(|error| Failure::file(path, &error))?;
+                files::replace(path, svg).map_err(|error| Failure::file(path, &error))?;
             }
         }
-        Ok(Reply::new(
-            format!("{rows} rows, begun anew {anew} times, {valid} valid; a step takes {median:.1} us (median), {p99:.1} us (p99)\n"),
-            json!({"rows": rows, "begun_anew": anew, "valid": valid, "misfits": self.misfits, "median_us": median, "p99_us": p99}),
-        ))
+        let us =
+            |time_us: Option<f64>| time_us.map_or_else(|| "-".to_owned(), |t| format!("{t:.1} us"));
+        let code = if valid > 0 {
+            exit::DONE
+        } else {
+            self.context.output.note("no row has a valid estimate");
+            exit::DEGRADED
+        };
+        let text = format!(
+            "{rows} rows, begun anew {anew} times, {valid} valid; a step takes {} (median), {} (p99)\n",
+            us(median),
+            us(p99)
+        );
+        let json = json!({"rows": rows, "begun_anew": anew, "valid": valid, "misfits": self.misfits, "median_us": median, "p99_us": p99});
+        Ok(Reply::new(text, json).with_code(code))
     }
 }
 
 impl Live {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        self.check_outputs()?;
         let estimator = model(&self.model)?;
         match (&self.replay, &self.robot) {
             (Some(log), _) => self.replay(context, &estimator, log),
             (None, Some(file)) => self.live(context, &estimator, file),
             (None, None) => Err(Failure::usage("give --replay FILE or --robot FILE")),
+        }
+    }
+
+    /// Refuses files that would replace what is read, or each other.
+    fn check_outputs(&self) -> Result<()> {
+        let read = [Some(&self.model), self.replay.as_ref(), self.robot.as_ref()];
+        let read: Vec<&Path> = read.into_iter().flatten().map(PathBuf::as_path).collect();
+        let inputs = inputs(&read, self.mapping.as_deref());
+        for file in [&self.out, &self.plot].into_iter().flatten() {
+            files::check_output(file, &inputs)?;
+        }
+        match (&self.out, &self.plot) {
+            (Some(out), Some(plot)) => files::check_output(plot, &[out]).map_err(|_| {
+                Failure::usage(format!(
+                    "--plot {}: --out is the same file; name another one",
+                    plot.display()
+                ))
+            }),
+            _ => Ok(()),
         }
     }
 

@@ -168,6 +168,7 @@ struct Watching<'a> {
 impl Monitor {
     /// Runs the command. It ends early where its output is not read.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        self.check_picture()?;
         let rig = self.connection.load(context)?;
         #[cfg(feature = "estimate")]
         let estimator = (self.estimate.estimate.as_deref())
@@ -205,6 +206,20 @@ impl Monitor {
                 let mut source = SessionSource::new(session, rig)?;
                 self.watch(watching, &mut source)
             })
+    }
+
+    /// Refuses a picture that would replace a file that is read.
+    fn check_picture(&self) -> Result<()> {
+        let Some(picture) = &self.picture else {
+            return Ok(());
+        };
+        #[cfg_attr(not(feature = "estimate"), allow(unused_mut))]
+        let mut inputs = self.connection.inputs();
+        #[cfg(feature = "estimate")]
+        inputs.extend(self.estimate.estimate.as_deref());
+        #[cfg(feature = "estimate")]
+        inputs.extend(self.estimate.robot.as_deref());
+        Ok(files::check_output(picture, &inputs)?)
     }
 
     /// Whether the view is shown.

@@ -6,10 +6,24 @@ use core_sim::{CoreRig, Options};
 use emulator_link::{Injection, Report};
 use plant::PlantConfig;
 use robot::arm::VirtualArm;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Seed where none is given: the embedded rig's.
 const DEFAULT_SEED: u64 = 1;
+
+/// Reads the configuration of a plant (TOML), for either emulated rig.
+///
+/// # Errors
+/// [`LinkError::Setup`] with the file where it can't be read or holds what the physics can't take.
+pub fn plant_of(path: &Path) -> Result<PlantConfig, LinkError> {
+    let setup =
+        |error: &dyn std::fmt::Display| LinkError::Setup(format!("{}: {error}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| setup(&error))?;
+    let plant: PlantConfig = toml::from_str(&text).map_err(|error| setup(&error))?;
+    plant.validate().map_err(|error| setup(&error))?;
+    Ok(plant)
+}
 
 /// A rig in this process.
 #[derive(Debug)]
@@ -26,21 +40,12 @@ impl FastRig {
     /// [`LinkError::Setup`] where the plant's file can't be read or holds what the physics can't
     /// take.
     pub fn open(options: &EmbeddedOptions) -> Result<Self, LinkError> {
-        let setup = |error: &dyn std::fmt::Display| LinkError::Setup(error.to_string());
         if options.usb {
-            return Err(setup(
-                &"the rig without the emulated controller has no USB core: omit --usb, or use --link embedded",
+            return Err(LinkError::Setup(
+                "the rig without the emulated controller has no USB core: omit --usb, or use --link embedded".to_owned(),
             ));
         }
-        let plant = match &options.plant {
-            None => PlantConfig::default(),
-            Some(path) => {
-                let in_file =
-                    |error: &dyn std::fmt::Display| setup(&format!("{}: {error}", path.display()));
-                let text = std::fs::read_to_string(path).map_err(|error| in_file(&error))?;
-                toml::from_str(&text).map_err(|error| in_file(&error))?
-            }
-        };
+        let plant = (options.plant.as_deref()).map_or(Ok(PlantConfig::default()), plant_of)?;
         let seed = options.seed.unwrap_or(DEFAULT_SEED);
         let rig = Self::with(Options {
             seed,

@@ -63,13 +63,18 @@ fn ports_here() -> String {
     }
 }
 
-/// Who has a port open, where the system tells it (`/proc`, processes of this user): a port that is
-/// in use can't be opened.
+/// Which other process has a port open, where the system tells it (`/proc`, processes of this
+/// user): a port that is in use can't be opened.
 fn holder(path: &str) -> Option<String> {
     let device = std::fs::canonicalize(path).ok()?;
     let processes = std::fs::read_dir("/proc").ok()?;
     processes
         .filter_map(Result::ok)
+        // Not `self` and `thread-self`, which are this process.
+        .filter(|process| {
+            let number = process.file_name().to_str().and_then(|n| n.parse().ok());
+            number.is_some_and(|number: u32| number != std::process::id())
+        })
         .find(|process| {
             let open = std::fs::read_dir(process.path().join("fd"));
             open.is_ok_and(|open| {
@@ -78,7 +83,6 @@ fn holder(path: &str) -> Option<String> {
                     .any(|file| file == device)
             })
         })
-        .filter(|process| process.file_name() != *std::process::id().to_string())
         .map(|process| {
             let line = std::fs::read(process.path().join("cmdline")).unwrap_or_default();
             let line = String::from_utf8_lossy(&line).replace('\0', " ");
@@ -226,6 +230,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("port");
         std::fs::write(&path, "").unwrap();
+        // This process is none.
+        let _own = std::fs::File::open(&path).unwrap();
         assert_eq!(holder(path.to_str().unwrap()), None);
         let mut other = std::process::Command::new("sh")
             .args(["-c", "exec 3<\"$0\"; echo open; read end"])
