@@ -280,7 +280,7 @@ impl Evidence<'_> {
         };
         // A loop that swings reaches limits as well: they are no cause then.
         let why = self
-            .swinging_cable()
+            .swing()
             .or_else(|| limit.map(str::to_owned))
             .or_else(|| self.furthest_cable());
         Some(Shortfall::new(
@@ -295,25 +295,37 @@ impl Evidence<'_> {
         steps.filter(|step| step.t_s >= STEADY_AFTER_S).collect()
     }
 
-    /// The cable whose tension swings most, where that makes a good part of the error.
-    fn swinging_cable(&self) -> Option<String> {
+    /// What swings and makes a good part of the error: the furthest cable, else the force, to
+    /// which several cables add.
+    fn swing(&self) -> Option<String> {
         let metrics = self.metrics?;
-        let i = largest(metrics.tension_rms_n)?;
         let steady = self.steady();
-        let error_n = steady.iter().map(|step| {
-            (
-                step.t_s,
-                step.measured_tension_n[i] - step.tension_setpoint_n[i],
-            )
+        let rate = |rms_n: f64, error_n: &dyn Fn(&Step) -> f64| {
+            let errors = steady.iter().map(|step| (step.t_s, error_n(step)));
+            swing_hz(errors).filter(|_| rms_n > CAUSES * metrics.tip_force_rms_n)
+        };
+        let i = largest(metrics.tension_rms_n)?;
+        let cable = rate(metrics.tension_rms_n[i], &|step| {
+            step.measured_tension_n[i] - step.tension_setpoint_n[i]
         });
-        let hz = swing_hz(error_n)
-            .filter(|_| metrics.tension_rms_n[i] > CAUSES * metrics.tip_force_rms_n)?;
+        let what = match cable {
+            Some(hz) => format!(
+                "cable {} is furthest from its setpoint, {:.2} N RMS, and swings {hz:.1} times a second",
+                i + 1,
+                metrics.tension_rms_n[i]
+            ),
+            None => {
+                let hz = (0..3).find_map(|k| {
+                    let error_n = |step: &Step| step.estimated_n[k] - step.commanded_n[k];
+                    let square: f64 = steady.iter().map(|step| error_n(step).powi(2)).sum();
+                    rate((square / steady.len() as f64).sqrt(), &error_n)
+                })?;
+                format!("it swings {hz:.1} times a second")
+            }
+        };
         Some(format!(
-            "cable {} is furthest from its setpoint, {:.2} N RMS, and swings {hz:.1} times a second, as loops do on a robot \
-             that gives way under its cables, with a late drive, or with gains that are too high \
-             (docs/architecture.md, `A robot that gives way`)",
-            i + 1,
-            metrics.tension_rms_n[i]
+            "{what}, as loops do on a robot that gives way under its cables, with a late drive, or with gains that are too high \
+             (docs/architecture.md, `A robot that gives way`)"
         ))
     }
 
@@ -504,6 +516,25 @@ mod tests {
                 "{text}"
             );
         }
+    }
+
+    /// Six cables that are off by little each, and a load that no cable makes.
+    #[test]
+    fn an_error_that_is_in_no_cable_is_told_as_that() {
+        let told = |error_n: &dyn Fn(f64) -> f64| {
+            let mut steps = steps(error_n);
+            for step in &mut steps {
+                step.measured_tension_n = step.tension_setpoint_n.map(|tension_n| tension_n + 0.01);
+            }
+            judge(&steps, &Saturation::default())[0].text.clone()
+        };
+        let text = told(&|t: f64| 0.6 * (std::f64::consts::TAU * 2.0 * t).sin());
+        assert!(text.contains("it swings 2.0 times a second"), "{text}");
+        let text = told(&|_| 0.5);
+        assert!(
+            text.contains("the cables follow their setpoints") && !text.contains("swings"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -124,6 +124,8 @@ pub(super) struct Hub {
     commander_ns: u64,
     commander_seen: Instant,
     job: Option<job::Running>,
+    /// A job that begins when the one that is ending has ended: its client, and its request.
+    next_job: Option<(ClientId, Option<Value>, job::Kind)>,
     jobs: u64,
     waiting: Vec<Waiter>,
     // The board.
@@ -188,6 +190,7 @@ impl Hub {
             commander_ns: 0,
             commander_seen: Instant::now(),
             job: None,
+            next_job: None,
             jobs: 0,
             waiting: Vec::new(),
             decoder: Decoder::new(),
@@ -739,6 +742,7 @@ impl Hub {
 
     /// Ends: ramps down what is driven, within 3 s of the link's time, and closes every connection.
     fn end(&mut self) -> Result<(), LinkError> {
+        self.next_job = None;
         if let Some(job) = &self.job {
             job.stop.store(true, Ordering::SeqCst);
         }

@@ -207,7 +207,13 @@ impl Hub {
         if self.commander == Some(id) {
             self.commander = None;
         }
-        if self.job.is_some() {
+        if let Some(job) = &self.job {
+            // Its motors may be at 0 V already: it watches for a while whether they let go.
+            let ending = job.stop.load(Ordering::SeqCst);
+            if ending && self.next_job.is_none() {
+                self.next_job = Some((id, number.cloned(), kind));
+                return;
+            }
             return self.busy(id, number, "a job of the service");
         }
         if let Some(other) = self.other_commander(id) {
@@ -256,6 +262,11 @@ impl Hub {
         }
         if let Some((id, number)) = report.answer {
             self.answer(id, number.as_ref(), report.result);
+        }
+        if self.job.is_none() {
+            if let Some((id, number, kind)) = self.next_job.take() {
+                self.start_job(id, number.as_ref(), kind);
+            }
         }
     }
 

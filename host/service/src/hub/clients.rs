@@ -102,6 +102,7 @@ impl Hub {
         };
         client.outbox.close();
         self.waiting.retain(|waiter| waiter.id != id);
+        self.next_job.take_if(|(of, ..)| *of == id);
         if self.commander == Some(id) {
             self.release(&format!("{} is gone", client.name()));
         }
