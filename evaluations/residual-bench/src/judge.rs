@@ -46,8 +46,8 @@ fn among(kind: Kind, names: &[EffectKind]) -> bool {
     names.iter().any(|name| *name == kind.name())
 }
 
-/// How many effects of a report are none of the kinds in the set, but are given as *A or B* with one
-/// of them that the report does not name by itself.
+/// How many effects of a report are none of the kinds in the set, but are given as *A or B* with
+/// one of them that the report does not name by itself.
 #[must_use]
 pub fn grouped(report: &Report, kinds: &[Kind]) -> usize {
     let named = |kind: &Kind| {

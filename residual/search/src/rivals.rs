@@ -36,8 +36,8 @@ impl Search<'_> {
     }
 
     /// The effects with the winner of a step in the place of `own`, if it predicts better, or is
-    /// simpler and predicts nearly as well. With no more parameters a small difference decides if it
-    /// is steady: `own` was chosen when other effects were still missing.
+    /// simpler and predicts nearly as well. With no more parameters a small difference decides if
+    /// it is steady: `own` was chosen when other effects were still missing.
     fn replacement(
         &self,
         own: &Chosen,
