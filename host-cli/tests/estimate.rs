@@ -8,21 +8,23 @@ mod common;
 use common::logs::{day, log};
 use common::{expect, folder, run};
 use experiment::table::Table;
+use std::path::Path;
 
 /// A quick training on a folder of logs; the rest of a line.
 const LINEAR: &str = "--model linear --no-intervals --out";
+
+/// Logs in `day`, and a model of them in `a.model`.
+fn trained(folder: &Path) {
+    day(&folder.join("day"), 3.0, &[]);
+    let line = format!("estimate train day {LINEAR} a.model");
+    expect(folder, &line, 0, &[]);
+}
 
 #[test]
 fn without_a_card_no_trial_is_taken_for_unseen() {
     let temporary = folder();
     let folder = temporary.path();
-    day(&folder.join("day"), 3.0, &[]);
-    expect(
-        folder,
-        &format!("estimate train day {LINEAR} a.model"),
-        0,
-        &[],
-    );
+    trained(folder);
     let eval = "estimate eval a.model day";
     expect(folder, eval, 0, &["trials [3], 1000 rows"]);
 
@@ -44,16 +46,10 @@ fn without_a_card_no_trial_is_taken_for_unseen() {
 fn an_output_of_estimate_never_replaces_what_is_read() {
     let temporary = folder();
     let folder = temporary.path();
-    day(&folder.join("day"), 3.0, &[]);
+    trained(folder);
     std::fs::write(folder.join("map.toml"), "robot = \"mine\"\n").unwrap();
     std::fs::write(folder.join("robot.toml"), "[robot]\n").unwrap();
     std::fs::copy(folder.join("day/trial-3.csv"), folder.join("alone.csv")).unwrap();
-    expect(
-        folder,
-        &format!("estimate train day {LINEAR} a.model"),
-        0,
-        &[],
-    );
     let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
     let names = [
         "a.model",
@@ -120,13 +116,7 @@ fn an_output_of_estimate_never_replaces_what_is_read() {
 fn figures_on_trials_of_the_training_are_called_so() {
     let temporary = folder();
     let folder = temporary.path();
-    day(&folder.join("day"), 3.0, &[]);
-    expect(
-        folder,
-        &format!("estimate train day {LINEAR} a.model"),
-        0,
-        &[],
-    );
+    trained(folder);
     let eval = |trials: &str| {
         let line = format!("estimate eval a.model day --trials {trials}");
         expect(folder, &line, 0, &[])

@@ -290,7 +290,7 @@ mod tests {
             better += i32::from(gain.is_better());
         }
         // Three standard deviations of the count are 1 % and 0.7 %.
-        assert!((120..=240).contains(&decided), "{decided} of {trials}");
+        assert!((160..=240).contains(&decided), "{decided} of {trials}");
         assert!(better <= 130, "{better} of {trials}");
     }
 
