@@ -45,6 +45,10 @@ const RATE_SPS: std::ops::RangeInclusive<f64> = 308.0..=332.0;
 /// Ratio of the gain found to the right one that is named: the middle between 1 and 2. Friction
 /// differs by 5 to 8 %, the command is known to a step of 0.1 N.
 const GAIN: f64 = std::f64::consts::SQRT_2;
+/// The same from which it is certain. A line has no more than its slope: friction that takes 0.4 of
+/// the tension in place of 0.15 makes 0.7 of it, and so did a breakaway of 1.3 on the plant. No cable
+/// loses half.
+const SURE_GAIN: f64 = 1.65;
 /// Friction without tension as a share of the rig file's that is in order. It differs between units
 /// by 7 % (one standard deviation), and the line finds it to some percent.
 const FRICTION: std::ops::RangeInclusive<f64> = 0.7..=1.3;
@@ -821,8 +825,11 @@ fn name_line(unit: u8, (gain, friction): (f64, f64), line: &LoadLine, found: &mu
         "{:.2} N turned the reel with a slack cable, and {:.2} N gave it {:.2} N of tension",
         line.idle_n, line.command_n, line.reading_n
     );
-    if !(1.0 / GAIN..=GAIN).contains(&gain) {
+    let outside = |limit: f64| !(1.0 / limit..=limit).contains(&gain);
+    if outside(SURE_GAIN) {
         found.push(certain(Mistake::AmplifierGain { unit, ratio: gain }, told));
+    } else if outside(GAIN) {
+        gain_or_friction(unit, unit, gain, &told, found);
     } else if !FRICTION.contains(&friction) {
         let ratio = friction;
         found.push(certain(Mistake::Friction { unit, ratio }, told));

@@ -1,8 +1,8 @@
 //! What figures say, and what a record keeps of them: without a rig.
 
 use bring_up::figures::{
-    BoardFigures, ConverterFigures, EStopFigures, Figures, MotorFigures, PowerFigures, PullFigures,
-    PulseFigures,
+    BoardFigures, ConverterFigures, EStopFigures, Figures, LoadLine, MotorFigures, PowerFigures,
+    PullFigures, PulseFigures, TensionFigures,
 };
 use bring_up::judge::judge;
 use bring_up::mistake::{Mistake, Sure};
@@ -331,4 +331,39 @@ fn six_that_are_permuted_are_named_as_one_mistake() {
         *motor = Some(found);
     }
     one(&motors, Mistake::MotorsExchanged { units: all });
+}
+
+#[test]
+fn a_slope_that_friction_may_have_made_is_no_certain_gain() {
+    let rig = Rig::built_in().unwrap();
+    let unit = &rig.units[0];
+    let slope = unit.friction_gain - unit.coulomb_per_n;
+    let idle_n = (unit.coulomb_n - unit.friction_offset_n) / slope;
+    for (gain, expected) in [
+        (0.5, vec![Sure::Certain]),
+        (0.65, vec![Sure::Likely; 2]),
+        (1.0, vec![]),
+        (1.5, vec![Sure::Likely; 2]),
+        (2.0, vec![Sure::Certain]),
+    ] {
+        let mut figures = Figures::default();
+        figures.tension[0] = Some(TensionFigures {
+            loose: true,
+            tight: true,
+            line: Some(LoadLine {
+                idle_n,
+                command_n: idle_n + 1.0,
+                reading_n: gain * slope,
+            }),
+            ..TensionFigures::default()
+        });
+        let found = names(&figures);
+        let sure: Vec<Sure> = found.iter().map(|(_, sure)| *sure).collect();
+        assert_eq!(sure, expected, "{gain}: {found:?}");
+        if let Some((first, _)) = found.first() {
+            assert!(
+                matches!(first, Mistake::AmplifierGain { unit: 1, ratio } if (ratio - gain).abs() < 0.01)
+            );
+        }
+    }
 }

@@ -277,19 +277,11 @@ impl Excitation<'_> {
 
     /// An error for any fault of the board or of a unit that takes part.
     fn check_faults(&self, received: &Received, status: Option<&Status>) -> Result<(), RunError> {
-        let reported = received.faults.first().map(|f| (f.code, f.detail));
-        let in_status = status.and_then(|status| {
-            let units = status.units.iter().zip(self.prepared.available);
-            std::iter::once((status.fault, status.fault_detail))
-                .chain(
-                    units
-                        .filter(|(_, available)| *available)
-                        .map(|(unit, _)| (unit.fault, unit.fault_detail)),
-                )
-                .find(|(code, _)| *code != 0)
-        });
-        match reported.or(in_status) {
-            Some((code, detail)) => Err(LatchedFault::new(code, detail).into()),
+        let reported = received.faults.first().map(LatchedFault::from);
+        let in_status =
+            || status.and_then(|status| LatchedFault::first_of(status, &self.prepared.available));
+        match reported.or_else(in_status) {
+            Some(fault) => Err(fault.into()),
             None => Ok(()),
         }
     }

@@ -169,19 +169,9 @@ pub(super) fn other_fault(status: &Status) -> Option<LatchedFault> {
         let unit = unit.and_then(|n| status.units.get(n));
         unit.is_some_and(doubted) && detail & TENSION_UNKNOWN == TENSION_UNKNOWN
     };
-    let board = LatchedFault::of_board(status);
-    if status.fault != 0
-        && !(status.fault == control::Fault::OutputStuck.code() && unseen(status.fault_detail))
-    {
-        return Some(board);
-    }
-    let (n, unit) = (1..)
-        .zip(&status.units)
-        .find(|(_, unit)| unit.fault != 0 && !of_a_swing(unit.fault, unit.fault_detail))?;
-    Some(LatchedFault {
-        unit: Some(n),
-        code: unit.fault,
-        detail: unit.fault_detail,
+    LatchedFault::all_of(status).find(|fault| match fault.unit {
+        None => fault.code != control::Fault::OutputStuck.code() || !unseen(fault.detail),
+        Some(_) => !of_a_swing(fault.code, fault.detail),
     })
 }
 

@@ -3,7 +3,6 @@
 use control::SystemState;
 use session::{system_state_name, LatchedFault, Patience, Session, SessionError, PERIOD};
 use std::time::Duration;
-use wire::message::Status;
 use wire::{Command, UNITS};
 
 /// How long disarming may take.
@@ -29,7 +28,7 @@ pub fn ramp_down_and_disarm(
     disarm(session)?;
     let until_ns = session.now_ns() + WATCHED.as_nanos() as u64;
     loop {
-        if let Some(fault) = fault_of(session.get_status()?, available) {
+        if let Some(fault) = LatchedFault::first_of(&session.get_status()?, available) {
             return Err(SessionError::Fault(fault));
         }
         if session.now_ns() >= until_ns {
@@ -65,19 +64,6 @@ pub(crate) fn disarm(session: &mut Session<'_>) -> Result<(), SessionError> {
         controls.robot(false)?;
     }
     Ok(())
-}
-
-/// The fault of the board, else of the first of these units that has one.
-fn fault_of(status: Status, available: &[bool; UNITS]) -> Option<LatchedFault> {
-    if status.fault != 0 {
-        return Some(LatchedFault::of_board(&status));
-    }
-    let mut units = (1..).zip(&status.units).zip(available);
-    let ((number, unit), _) = units.find(|((_, unit), taken)| **taken && unit.fault != 0)?;
-    Some(LatchedFault {
-        unit: Some(number),
-        ..LatchedFault::new(unit.fault, unit.fault_detail)
-    })
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use control::config::FIELDS;
 use control::{Fault, MotorState, SystemState};
+use serde::{Deserialize, Serialize};
 use wire::message::{CommandError, CrashRecord, FaultReport, Status};
 use wire::{Command, UNITS};
 
@@ -46,9 +47,9 @@ pub fn motor_state_name(number: u8) -> String {
 
 /// A fault that the board has latched. Displayed in one line: the unit, where it is one's, and
 /// [`explain_fault`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LatchedFault {
-    /// Unit from 1; `None`: the whole board, or not told.
+    /// Unit from 1; `None` (JSON: `null`): the whole board, or not told.
     pub unit: Option<u8>,
     /// Number.
     pub code: u16,
@@ -71,6 +72,23 @@ impl LatchedFault {
     #[must_use]
     pub const fn of_board(status: &Status) -> Self {
         Self::new(status.fault, status.fault_detail)
+    }
+
+    /// All that a status names: the board's, then those of the units.
+    pub fn all_of(status: &Status) -> impl Iterator<Item = Self> + '_ {
+        let board = core::iter::once(Self::of_board(status));
+        let units = (1..).zip(&status.units).map(|(number, unit)| Self {
+            unit: Some(number),
+            ..Self::new(unit.fault, unit.fault_detail)
+        });
+        board.chain(units).filter(|fault| fault.code != 0)
+    }
+
+    /// The first of a status: the board's, else that of one of these units.
+    #[must_use]
+    pub fn first_of(status: &Status, units: &[bool; UNITS]) -> Option<Self> {
+        let counts = |fault: &Self| fault.unit.is_none_or(|unit| units[usize::from(unit) - 1]);
+        Self::all_of(status).find(counts)
     }
 }
 

@@ -4,7 +4,7 @@
 //!
 //! [`Gatherer`] puts it together from the board's messages.
 
-use crate::system_state_name;
+use crate::{system_state_name, LatchedFault};
 use control::geometry::{applied_force, cable_direction};
 use control::{MotorState, SystemState};
 use emulator_link::Truth;
@@ -58,7 +58,7 @@ pub struct Telemetry {
     pub adc_code: [Option<i32>; UNITS],
     /// Latched faults, that of the board first.
     #[serde(default)]
-    pub faults: Vec<Latched>,
+    pub faults: Vec<LatchedFault>,
     /// Whether the E-stop loop is closed; `null` without a status.
     #[serde(default)]
     pub estop_closed: Option<bool>,
@@ -78,17 +78,6 @@ pub struct Telemetry {
     /// Everyone connected to the service.
     #[serde(default)]
     pub clients: Vec<String>,
-}
-
-/// A latched fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Latched {
-    /// Unit from 1; `null`: the whole board.
-    pub unit: Option<u8>,
-    /// Number of the fault.
-    pub code: u16,
-    /// Its detail.
-    pub detail: u32,
 }
 
 /// What was lost since the link was opened, or since the board's boot.
@@ -223,7 +212,7 @@ impl Gatherer {
             }),
             encoder_counts: std::array::from_fn(|i| status.map(|s| s.units[i].encoder_counts)),
             adc_code: std::array::from_fn(|i| status.map(|s| s.units[i].adc_code)),
-            faults: status.map_or_else(Vec::new, latched),
+            faults: status.map_or_else(Vec::new, |s| LatchedFault::all_of(s).collect()),
             estop_closed: status.map(|status| status.estop_closed),
             setpoint_age_ms: status
                 .map(|status| status.setpoint_age_ms)
@@ -276,23 +265,6 @@ impl Gatherer {
         // With no unit at all nothing is measured, not even zero.
         (!tensions.is_empty()).then(|| applied_force(&directions, &tensions).into())
     }
-}
-
-/// The faults in a status, that of the board first.
-fn latched(status: &Status) -> Vec<Latched> {
-    let board = (status.fault != 0).then_some(Latched {
-        unit: None,
-        code: status.fault,
-        detail: status.fault_detail,
-    });
-    let units = status.units.iter().enumerate().filter_map(|(i, unit)| {
-        (unit.fault != 0).then_some(Latched {
-            unit: Some(i as u8 + 1),
-            code: unit.fault,
-            detail: unit.fault_detail,
-        })
-    });
-    board.into_iter().chain(units).collect()
 }
 
 #[cfg(test)]

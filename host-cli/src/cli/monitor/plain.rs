@@ -4,8 +4,8 @@ use super::model::{reading, Estimated, Reading};
 use super::source::{Event, Update};
 use crate::cli::output::Output;
 use serde_json::json;
-use session::explain_fault;
-use session::telemetry::{Latched, Telemetry};
+use session::telemetry::Telemetry;
+use session::{explain_fault, LatchedFault};
 use wire::UNITS;
 
 /// Time between two lines, s.
@@ -106,7 +106,7 @@ impl<'o> Plain<'o> {
 }
 
 /// A fault that was latched before the monitor came, as an event.
-fn latched(fault: &Latched, t_s: f64) -> Event {
+fn latched(fault: &LatchedFault, t_s: f64) -> Event {
     let who = fault
         .unit
         .map_or_else(|| "board".to_owned(), |unit| format!("unit {unit}"));

@@ -8,7 +8,8 @@ use super::view::View;
 use nalgebra::Vector3;
 use ratatui::backend::TestBackend;
 use ratatui::Terminal;
-use session::telemetry::{Drops, Latched, Telemetry};
+use session::telemetry::{Drops, Telemetry};
+use session::LatchedFault;
 use std::time::Duration;
 use wire::UNITS;
 
@@ -51,12 +52,12 @@ fn faulted() -> Telemetry {
     let mut now = Telemetry {
         state: "fault".to_owned(),
         faults: vec![
-            Latched {
+            LatchedFault {
                 unit: None,
                 code: 2,
                 detail: 101,
             },
-            Latched {
+            LatchedFault {
                 unit: Some(3),
                 code: 33,
                 detail: 13_194,

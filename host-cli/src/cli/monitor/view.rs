@@ -19,8 +19,8 @@ use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Paragraph, Sparkline, Wrap};
 use ratatui::Frame;
-use session::explain_fault;
-use session::telemetry::{Latched, Telemetry};
+use session::telemetry::Telemetry;
+use session::{explain_fault, LatchedFault};
 use std::time::Duration;
 use wire::UNITS;
 
@@ -201,7 +201,7 @@ impl View<'_> {
     }
 
     fn faulted(&self, i: usize) -> bool {
-        let unit = |fault: &Latched| fault.unit.map(usize::from) == Some(i + 1);
+        let unit = |fault: &LatchedFault| fault.unit.map(usize::from) == Some(i + 1);
         self.now().faults.iter().any(unit)
     }
 
@@ -370,10 +370,10 @@ impl View<'_> {
         ])
     }
 
-    /// Latched faults on top, then the newest events that fit.
+    /// LatchedFault faults on top, then the newest events that fit.
     fn log(&self, frame: &mut Frame<'_>, area: Rect) {
         let faults = &self.now().faults;
-        let texts = |words: fn(&Latched) -> String| -> Vec<String> {
+        let texts = |words: fn(&LatchedFault) -> String| -> Vec<String> {
             let text = |fault| format!("{}: {}", who(fault), words(fault));
             faults.iter().map(text).collect()
         };
@@ -464,14 +464,14 @@ fn footer() -> Line<'static> {
     ])
 }
 
-fn who(fault: &Latched) -> String {
+fn who(fault: &LatchedFault) -> String {
     fault
         .unit
         .map_or_else(|| "board".to_owned(), |unit| format!("unit {unit}"))
 }
 
 /// Number and name.
-fn short(fault: &Latched) -> String {
+fn short(fault: &LatchedFault) -> String {
     Fault::from_code(fault.code).map_or_else(
         || format!("fault {}", fault.code),
         |known| format!("fault {}, {}", fault.code, known.name()),
@@ -479,7 +479,7 @@ fn short(fault: &Latched) -> String {
 }
 
 /// What a fault means, and the way out.
-fn meaning(fault: &Latched) -> String {
+fn meaning(fault: &LatchedFault) -> String {
     match Fault::from_code(fault.code) {
         Some(known) => format!(
             "{}. {} {}",
@@ -492,7 +492,7 @@ fn meaning(fault: &Latched) -> String {
 }
 
 /// What to do about a fault.
-fn way_out(fault: &Latched) -> String {
+fn way_out(fault: &LatchedFault) -> String {
     let what = Fault::from_code(fault.code).map_or("", |known| known.what_to_do());
     format!("{}. {what}", short(fault))
 }

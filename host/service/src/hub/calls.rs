@@ -17,16 +17,9 @@ use wire::Command;
 
 /// The fault that a status shows, in words: the board's, else that of a unit.
 fn latched(status: &Status) -> Option<String> {
-    let of_board = (status.fault != 0).then(|| LatchedFault::of_board(status));
-    let of_unit = || {
-        let mut units = (1..).zip(&status.units);
-        let (number, unit) = units.find(|(_, unit)| unit.fault != 0)?;
-        Some(LatchedFault {
-            unit: Some(number),
-            ..LatchedFault::new(unit.fault, unit.fault_detail)
-        })
-    };
-    of_board.or_else(of_unit).map(|fault| fault.to_string())
+    LatchedFault::all_of(status)
+        .next()
+        .map(|fault| fault.to_string())
 }
 
 /// How long motors may take to 0 V, ns of the link's time.
