@@ -12,6 +12,7 @@ mod values;
 
 use crate::finding::Findings;
 use crate::spec::{Action, Roles, Spec};
+use residual_columns::error::Error;
 use residual_columns::format::num;
 use residual_columns::frame::Frame;
 use residual_columns::stats;
@@ -385,6 +386,60 @@ pub fn relations(
     repeated_motion(frame, fold, log);
 }
 
+/// Rows of a file from which its velocity is compared with its angle.
+const FEWEST_COMPARED: usize = 50;
+
+/// Range of an angle over the RMS of its steps from which it moves: noise about one angle has 4 to 6.
+const MOVES: f64 = 20.0;
+
+/// Refuses a file whose velocity has one value all the time while its angle moves, or moves back: a
+/// dead channel, which the search would explain by effects that need no velocity.
+///
+/// # Errors
+/// [`Error::Data`] with the first such file.
+pub fn refuse_dead_velocity(frame: &Frame, files: &[PathBuf]) -> Result<(), Error> {
+    let (Some(x), Some(v)) = (frame.column("angle"), frame.column("velocity")) else {
+        return Ok(());
+    };
+    let mut of_file: BTreeMap<usize, Vec<Range<usize>>> = BTreeMap::new();
+    for r in frame.sequences().iter().filter(|r| !r.is_empty()) {
+        let file = frame.column("file").map_or(0, |f| f[r.start] as usize);
+        of_file.entry(file).or_default().push(r.clone());
+    }
+    for (file, parts) in of_file {
+        let first = v[parts[0].start];
+        let mut rows = parts.iter().flat_map(Range::clone);
+        if !rows.all(|i| v[i] == first)
+            || parts.iter().map(ExactSizeIterator::len).sum::<usize>() < FEWEST_COMPARED
+        {
+            continue;
+        }
+        let moves = parts.iter().any(|r| {
+            let own = &x[r.clone()];
+            let (low, high) = stats::range(own);
+            let steps = own.windows(2).map(|w| (w[1] - w[0]).powi(2));
+            let step = (steps.sum::<f64>() / own.len() as f64).sqrt();
+            let net = (own[own.len() - 1] - own[0]).abs();
+            // At a constant speed an angle grows all the way.
+            let is_back = first == 0.0 || high - low > 1.5 * net;
+            high - low > MOVES * step && is_back
+        });
+        if moves {
+            let name = files
+                .get(file)
+                .map_or_else(String::new, |f| f.display().to_string());
+            return Err(Error::data(
+                format!(
+                    "{name}: the velocity is {} in every row while the angle moves",
+                    num(first)
+                ),
+                "Leave the file out of the data, or take roles.velocity out of the model file",
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Sums of products of a column with the slope of another, from row to row but one.
 #[derive(Clone, Copy, Default)]
 struct Slope {
@@ -399,6 +454,10 @@ impl Slope {
     fn add(&mut self, time: &[f64], column: &[f64], x: &[f64], r: &Range<usize>) {
         for i in r.start + 1..r.end.saturating_sub(1).max(r.start + 1) {
             let slope = (x[i + 1] - x[i - 1]) / (time[i + 1] - time[i - 1]);
+            // A few bad values must not decide.
+            if !(column[i].is_finite() && slope.is_finite()) {
+                continue;
+            }
             self.cc += column[i] * column[i];
             self.cs += column[i] * slope;
             self.ss += slope * slope;
@@ -427,7 +486,7 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mu
     let (Some(x), Some(v)) = (frame.column("angle"), frame.column("velocity")) else {
         return;
     };
-    let (x, v) = (&values::tame(x), &values::tame(v));
+    let (x, v) = (&values::usual(x), &values::usual(v));
     let mut of_file: BTreeMap<usize, Slope> = BTreeMap::new();
     for r in frame.sequences().iter().filter(|r| !r.is_empty()) {
         let file = frame.column("file").map_or(0, |f| f[r.start] as usize);
@@ -489,7 +548,7 @@ fn made_of_speed(frame: &Frame, log: &mut Findings) {
     let (Some(y), Some(v)) = (frame.column("target"), frame.column("velocity")) else {
         return;
     };
-    let (y, v) = (&values::tame(y), &values::tame(v));
+    let (y, v) = (&values::usual(y), &values::usual(v));
     let mut slope = Slope::default();
     for r in frame.sequences() {
         slope.add(frame.time(), y, v, r);

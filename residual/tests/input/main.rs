@@ -643,3 +643,44 @@ fn a_wrong_time_base_and_a_repeated_motion_are_noted() {
     let same = checks(&put(1.0, true));
     assert!(has(&same, "repeated motion"), "{same:?}");
 }
+
+#[test]
+fn a_velocity_that_stands_while_the_angle_moves_is_refused() {
+    let folder = Folder::new();
+    let model = MODEL.replacen(
+        "[[terms]]",
+        "angle = { column = \"x\", unit = \"rad\" }\n[selection]\nonly = [\"coulomb\"]\n[[terms]]",
+        1,
+    );
+    // What run 1 has in place of its velocity, and how far its angle moves.
+    let logs = |dead: Option<f64>, moves: f64| -> Vec<PathBuf> {
+        (0..3)
+            .map(|run| {
+                let mut x = 0.0;
+                let mut text = "t,y,c,v,x\n".to_string();
+                for (i, r) in rows(run, 600).iter().enumerate() {
+                    let v = dead.filter(|_| run == 1).unwrap_or(r[3]);
+                    let noise = 1e-5 * hash(i, 77);
+                    let line = format!("{},{},{},{v},{}\n", r[0], r[1], r[2], x + noise);
+                    text += &line;
+                    x += 0.02 * if run == 1 { moves * r[3] } else { r[3] };
+                }
+                folder.put(&format!("{run}.csv"), &text)
+            })
+            .collect()
+    };
+    for stuck in [0.0, 0.37] {
+        let error = analyse(&logs(Some(stuck), 1.0), &model)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("1.csv: the velocity is") && error.contains("angle moves"),
+            "{error}"
+        );
+        // At rest a velocity of 0 is right, and the noise of the angle is no motion.
+        if stuck == 0.0 {
+            analyse(&logs(Some(0.0), 0.0), &model).unwrap();
+        }
+    }
+    analyse(&logs(None, 1.0), &model).unwrap();
+}

@@ -323,6 +323,13 @@ pub(super) fn held(y: &[f64], frame: &Frame) -> Option<Held> {
     })
 }
 
+/// A column without the values that [`tame`] cuts, NaN in their place.
+pub(super) fn usual(x: &[f64]) -> Vec<f64> {
+    let cut = tame(x).into_iter().zip(x);
+    cut.map(|(tame, raw)| if tame == *raw { tame } else { f64::NAN })
+        .collect()
+}
+
 /// A column whose values beyond the usual ones by more than their whole range are cut there: a few
 /// bad values must not decide how alike two columns are.
 pub(super) fn tame(x: &[f64]) -> Vec<f64> {

@@ -92,6 +92,8 @@ fn plain(cell: &str, decimal: char) -> Option<f64> {
         "na" | "n/a" | "#n/a" | "#nv" | "null" | "none" | "nil" | "-" | "--" | "---" | "?" => {
             return Some(f64::NAN)
         }
+        // Errors of a spreadsheet in any language: `#DIV/0!`, `#WERT!`, `#NAME?`.
+        text if text.starts_with('#') && text.ends_with(['!', '?']) => return Some(f64::NAN),
         _ => {}
     }
     // The minus of set type, and the exponent of Fortran.

@@ -257,7 +257,7 @@ impl Table {
         if let Some(sum) = self
             .column(a.trim())
             .zip(self.column(b.trim()))
-            .map(sum_of_times)
+            .map(|both| sum_of_times(both, is_milliseconds(b)))
         {
             self.names.push(time.into());
             self.columns.push(sum);
@@ -381,13 +381,23 @@ impl Table {
     }
 }
 
-/// The sum of two columns of time. The second is in nanoseconds where its values are whole and more
-/// than the seconds of a day.
-fn sum_of_times((a, b): (&[f64], &[f64])) -> Vec<f64> {
+/// Whether a column has the name of milliseconds beside a time.
+fn is_milliseconds(name: &str) -> bool {
+    let name = name.trim().to_lowercase();
+    ["ms", "msec", "msecs", "millisecond", "milliseconds"].contains(&name.as_str())
+}
+
+/// The sum of two columns of time. The second is in milliseconds where its name says so, and in
+/// nanoseconds where its values are whole and more than the seconds of a day.
+fn sum_of_times((a, b): (&[f64], &[f64]), milliseconds: bool) -> Vec<f64> {
     const DAY_S: f64 = 86_400.0;
     let (_, most) = residual_columns::stats::range(b);
     let whole = b.iter().all(|x| !x.is_finite() || *x == x.round());
-    let unit = if whole && most > DAY_S { 1e-9 } else { 1.0 };
+    let unit = match (milliseconds, whole && most > DAY_S) {
+        (true, _) => 1e-3,
+        (_, true) => 1e-9,
+        _ => 1.0,
+    };
     a.iter().zip(b).map(|(a, b)| a + unit * b).collect()
 }
 
@@ -527,6 +537,7 @@ fn assemble(mut tables: Vec<Table>, spec: &Spec, mut findings: Findings) -> Resu
     let folds = folds::folds(&frame, &keep, spec, &files)?;
     folds::refuse_copies(&frame, &folds.of_row, &files)?;
     copies::note(&frame, &folds.of_row, &files, &mut findings);
+    hygiene::refuse_dead_velocity(&frame, &files)?;
     hygiene::relations(&frame, &spec.roles, &folds.of_row, &files, &mut findings);
     if !folds.parts.is_empty() {
         findings.count(

@@ -160,6 +160,78 @@ impl<R: Read> Read for Blanks<R> {
     }
 }
 
+/// Gives bytes that are no UTF-8 as the letters that they are in the old code of Windows, in which
+/// each is one: a `µ` of a unit, a blank between thousands. 0xFF is in no text, and stays.
+struct OldText<R> {
+    inner: R,
+    /// What has been read, but for what was given out.
+    text: Vec<u8>,
+    /// Bytes of `text` that were given out.
+    given: usize,
+    /// The beginning of a letter, whose end was not read yet.
+    begun: Vec<u8>,
+}
+
+impl<R: Read> OldText<R> {
+    fn new(inner: R) -> Self {
+        Self {
+            inner,
+            text: Vec::new(),
+            given: 0,
+            begun: Vec::new(),
+        }
+    }
+
+    fn decode(&mut self, is_last: bool) {
+        (self.given, self.text) = (0, Vec::with_capacity(self.begun.len()));
+        let bytes = std::mem::take(&mut self.begun);
+        let mut at = 0;
+        for chunk in bytes.utf8_chunks() {
+            self.text.extend_from_slice(chunk.valid().as_bytes());
+            let bad = chunk.invalid();
+            at += chunk.valid().len() + bad.len();
+            let is_begun = at == bytes.len()
+                && std::str::from_utf8(bad).is_err_and(|why| why.error_len().is_none());
+            if is_begun && !is_last {
+                self.begun = bad.to_vec();
+                continue;
+            }
+            for &b in bad {
+                match b {
+                    0xFF => self.text.push(b),
+                    _ => {
+                        let mut letter = [0; 2];
+                        let letter = char::from(b).encode_utf8(&mut letter);
+                        self.text.extend_from_slice(letter.as_bytes());
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<R: Read> Read for OldText<R> {
+    fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
+        while self.given == self.text.len() {
+            let before = self.begun.len();
+            self.begun.resize(before + CHUNK, 0);
+            let n = self.inner.read(&mut self.begun[before..])?;
+            self.begun.truncate(before + n);
+            self.decode(n == 0);
+            if n == 0 && self.text.is_empty() {
+                return Ok(0);
+            }
+        }
+        let n = buf.len().min(self.text.len() - self.given);
+        buf[..n].copy_from_slice(&self.text[self.given..self.given + n]);
+        self.given += n;
+        Ok(n)
+    }
+}
+
+/// Bytes that are decoded at once.
+const CHUNK: usize = 1 << 16;
+
 /// Ends every line with one line feed alone, the last one too, so that the CSV reader counts lines
 /// as an editor does.
 struct LineFeeds<R> {
@@ -262,7 +334,7 @@ fn open_csv(path: &Path, input: &Input) -> Result<csv::Reader<Box<dyn Read>>, Er
         // Lines of another length are this module's to judge: it knows the names.
         .flexible(true);
     let reader = LineFeeds {
-        inner: reader,
+        inner: OldText::new(reader),
         carriage: false,
         at_start: true,
     };
@@ -619,6 +691,39 @@ fn row(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Gives at most so many bytes at a time.
+    struct Slowly<'a>(&'a [u8], usize);
+
+    impl Read for Slowly<'_> {
+        fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
+            let n = self.1.min(buf.len()).min(self.0.len());
+            let (now, later) = self.0.split_at(n);
+            buf[..n].copy_from_slice(now);
+            self.0 = later;
+            Ok(n)
+        }
+    }
+
+    #[test]
+    fn letters_of_an_old_code_become_utf_8_and_those_of_utf_8_stay() {
+        let old = b"Kraft (\xb5N);\xe9\n13\xa0747,9;2\xb0\xff\n";
+        for step in 1..6 {
+            let decoded = |bytes: &[u8]| {
+                let mut out = Vec::new();
+                OldText::new(Slowly(bytes, step))
+                    .read_to_end(&mut out)
+                    .unwrap();
+                out
+            };
+            let expected = "Kraft (\u{b5}N);\u{e9}\n13\u{a0}747,9;2\u{b0}".as_bytes();
+            assert_eq!(decoded(old), [expected, b"\xff\n"].concat());
+            // Letters of two, three and four bytes, whole and cut off at the end.
+            let new = "\u{b5}\u{20ac}\u{1f600}\u{a0}x".as_bytes();
+            assert_eq!(decoded(new), new);
+            assert_eq!(decoded(&new[..2 + 3 + 2])[..5], new[..5]);
+        }
+    }
 
     #[test]
     fn blanks_become_tabs() {

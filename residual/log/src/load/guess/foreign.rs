@@ -6,8 +6,9 @@ use crate::spec::Spec;
 /// Rows of a log.
 const ROWS: usize = 300;
 
-/// Files of 25 of which the model file must run on the first try.
-const GOAL: usize = 25;
+/// Files of a set. The model file must run on the first try on all of them, but for stamps in
+/// brackets that share a cell with the first value.
+const ALL: usize = 25;
 
 /// A log of another program: what it stands for, the name of its file, its bytes.
 type Foreign = (&'static str, &'static str, Vec<u8>);
@@ -276,6 +277,62 @@ fn others() -> Vec<Foreign> {
     ]
 }
 
+/// Files of a fourth set of kinds, made by a reader who had not seen the others: 18 of them ran at
+/// first.
+fn strangers() -> Vec<Foreign> {
+    let with = |v: [f64; 5], between: &str| cells(&[v[1], v[2], v[4]], between);
+    let of =
+        |head: &str, line: &dyn Fn(usize, [f64; 5]) -> String| format!("{head}\n{}", lines(line));
+    let text = |what, name, text: String| (what, name, text.into_bytes());
+    let clock = |t: f64| format!("10:00:{t:06.3}");
+    let point = |v: [f64; 5]| cells(&[v[0], v[1], v[2], v[4]], ",");
+    let comma = |v: [f64; 5]| cells(&[v[0], v[1], v[2], v[4]], ";").replace('.', ",");
+    let utf16 = |text: String| {
+        let units = "\u{feff}"
+            .encode_utf16()
+            .chain(text.encode_utf16())
+            .collect::<Vec<u16>>();
+        units
+            .iter()
+            .flat_map(|unit| unit.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
+    let settings = [
+        "Record Length,300",
+        "Sample Interval,0.01",
+        "Trigger Point,0",
+        "Source,CH1",
+        "Vertical Units,V",
+    ];
+    vec![
+        text("settings beside the first rows", "T0000.csv", lines(|i, v| format!("{},,{},{}", settings.get(i).unwrap_or(&","), format!("{:.5}", v[0]), with(v, ",")))),
+        text("names with their units in words", "r.csv", of("in s,CH1 in V,CH2 in V,CH3 in V", &|_, v| point(v))),
+        text("a resolution and no time", "y.csv", of("\"Header Size\",8\n\"TraceName\",\"cmd\",\"speed\",\"force\"\n\"BlockSize\",300,300,300\n\"VUnit\",\"N\",\"rad/s\",\"N\"\n\"SampleRate\",100.0,100.0,100.0\n\"HResolution\",1.0E-02,1.0E-02,1.0E-02\n\"HUnit\",\"s\",\"s\",\"s\"\n\"Date\",\"2026/03/04\",\"2026/03/04\",\"2026/03/04\"\n\"Time\",\"10:00:00.000000\",\"10:00:00.000000\",\"10:00:00.000000\"\n", &|_, [_, c, v, _, f]| format!(",{c:.5E},{v:.5E},{f:.5E}"))),
+        text("thousandths in a column of their own", "g.csv", of("NO.,Time,ms,CH1,CH2,CH3\nNO.,time,ms,N,rad/s,N", &|i, v| format!("{},2026/03/04 10:00:{:02},{:03},{}", i + 1, i / 100, 10 * (i % 100), [v[1], v[2], v[4]].map(|x| format!("{x:+.5}")).join(",")))),
+        text("rows that begin with a word", "t.csv", of("Header:,Trend\nPeriod:,10 ms\nHeader:,Date,Time,cmd,speed,force", &|_, v| format!("Data:,03/04/2026,{},{}", clock(v[0]), with(v, ",")))),
+        text("rows of a controller, with a mark at the end", "d.csv", of("Record,Date,UTC Time,cmd,speed,force", &|i, v| format!("{},2026-03-04,{},{}", i + 1, clock(v[0]), with(v, ","))) + "//END\n"),
+        text("a trace with names in quotation marks", "t.csv", of("Index;Zeit [ms];\"DB1\".Soll;\"DB1\".Drehzahl;\"DB1\".Kraft", &|i, v| format!("{i};{};{}", format!("{:.3}", 1e3 * v[0]).replace('.', ","), with(v, ";").replace('.', ",")))),
+        text("names, types and units above the rows", "s.csv", of("time,cmd,speed,force\nType: double,Type: double,Type: double,Type: double\nUnits: s,Units: N,Units: rad/s,Units: N\nInterp: linear,Interp: linear,Interp: linear,Interp: linear", &|_, v| point(v))),
+        text("German export with a decimal comma", "w.txt", of("Datei: a.dxd\nStartzeit: 04.03.2026 10:00:00,000\nAbtastrate: 100 Hz\n\nZeit (s)\tSollwert (N)\tDrehzahl (rad/s)\tKraft (N)", &|_, v| comma(v).replace(';', "\t"))),
+        text("waveforms of LabVIEW with dates", "v.txt", of("waveform\t[0]\t[1]\t[2]\t\nt0\t04.03.2026 10:00:00,000\t04.03.2026 10:00:00,000\t04.03.2026 10:00:00,000\t\ndelta t\t0,010000\t0,010000\t0,010000\t\n\ntime\tcmd\tspeed\tforce\t", &|_, v| format!("04.03.2026 {}\t{}\t", clock(v[0]), with(v, "\t")).replace('.', ",").replacen("04,03,", "04.03.", 1))),
+        text("four lines above the rows, and NAN", "c.dat", of("\"TOA5\",\"CR6\",\"CR6\",\"1\",\"OS\",\"prog\"\n\"TIMESTAMP\",\"RECORD\",\"cmd\",\"speed\",\"force\"\n\"TS\",\"RN\",\"N\",\"rad/s\",\"N\"\n\"\",\"\",\"Smp\",\"Smp\",\"Smp\"", &|i, v| format!("\"2026-03-04 {}\",{i},{}", clock(v[0]), if i % 50 == 7 { "\"NAN\",\"NAN\",\"NAN\"".into() } else { with(v, ",") }))),
+        text("a state in hexadecimal, and words for overload", "o.csv", of("time,status,cmd,speed,force", &|i, v| format!("{:.3},0x{:04X},{},{}", v[0], 256 * (i % 7), cells(&v[1..3], ","), if i % 60 == 9 { "OVL".into() } else { format!("{:.5}", v[4]) }))),
+        ("UTF-16, thousandths behind a colon", "b.csv", utf16(of("Scan Control:\n,Interval:,0.01\nScan,Time,101 <cmd> (VDC),Alarm 101,102 <speed> (VDC),Alarm 102,103 <force> (VDC),Alarm 103", &|i, v| format!("{},3/14/2026 {},{:.6},0,{:.6},0,{:.6},0", i + 1, clock(v[0]).replace('.', ":"), v[1], v[2], v[4])))),
+        text("results above quoted rows", "i.csv", of("\"Results Table 1\"\n\"\",\"Maximum Load\",\"Modulus\"\n\"1\",\"13.5\",\"2.1\"\n\n\"Time\",\"Command\",\"Speed\",\"Load\"\n\"(s)\",\"(N)\",\"(rad/s)\",\"(N)\"", &|_, v| format!("\"{}\"", point(v).replace(',', "\",\"")))),
+        ("blanks that do not break between thousands, in cp1252", "f.csv", cp1252(&of("Temps (ms);Consigne (mN);Vitesse (rad/s);Effort mesuré (mN)", &|_, [t, c, v, _, f]| format!("{:.1};{}\u{a0}{:03}.5;{v:.3};{}\u{a0}{:03}.5", 1e3 * t, (1e3 * c) as usize / 1000, (1e3 * c) as usize % 1000, (1e3 * f) as usize / 1000, (1e3 * f) as usize % 1000).replace('.', ",")))),
+        text("errors of a spreadsheet in a column", "e.csv", of("Tempo;Comando;Velocità;Forza;Abilitato;Rapporto", &|i, v| format!("{};{};{}", comma(v), ["VERO", "FALSO"][usize::from(i % 7 == 0)], if (30..200).contains(&i) { format!("{:.3}", v[1] / v[4]).replace('.', ",") } else { "#DIV/0!".into() }))),
+        text("blanks, and forty columns of a robot", "u.csv", of(&format!("timestamp target_current_2 actual_qd_2 actual_current_2{}", (0..36).map(|k| format!(" output_{k}")).collect::<String>()), &|i, v| format!("{:.5} {}{}", v[0], with(v, " "), (0..36).map(|k| format!(" {}", i * k % 5)).collect::<String>()))),
+        text("lines of a system's log", "l.log", lines(|i, v| format!("2026-03-04T{}Z rig logger[{}]: cmd={:.4} speed={:.4} force={:.4}", clock(v[0]), 311 + i % 2, v[1], v[2], v[4]))),
+        text("a frequency above rows without a time", "q.tsv", of("NO_OF_SAMPLES\t300\nTOT_NO_OF_CHAN\t3\nFREQUENCY\t100\nTIME_STAMP\t2026-03-04, 10:00:00.123\t12345.678\nFIRST_SAMPLE\t1\nCHANNEL_NAMES\tcmd\tspeed\tforce\nCHANNEL_GAIN\t1\t1\t1", &|_, v| with(v, "\t"))),
+        text("a storage file with endheader", "o.sto", of("force\nversion=1\nnRows=300\nnColumns=5\ninDegrees=no\nendheader\ntime\tcmd\tspeed\tangle\tforce", &|_, v| cells(&v, "\t"))),
+        text("samples a millisecond above the names", "a.txt", of("a.acq\n10 msec/sample\n3 channels\ncmd\nN\nspeed\nrad/s\nforce\nN\nsec,CH1,CH2,CH3,", &|_, v| point(v).replace(',', "\t") + "\t")),
+        text("titles of channels in a line", "c.txt", of("Interval=\t0.01 s\nExcelDateTime=\t4.6E4\nTimeFormat=\tStartOfBlock\nChannelTitle=\tcmd\tspeed\tforce\nRange=\t10 N\t10 rad/s\t10 N", &|_, v| format!("{:.5}\t{}", v[0], with(v, "\t")))),
+        text("stamps in brackets of a terminal", "p.log", lines(|i, v| format!("[2026-03-04 {}] {}", clock(v[0]), if i == 0 { "cmd,speed,force".into() } else { with(v, ",") }))),
+        text("times with nanoseconds and a zone", "p.csv", of(",cmd,speed,force", &|i, v| format!("2026-03-04 10:00:{:02}.{:09}+00:00,{}", i / 100, 10_000_000 * (i % 100), with(v, ",")))),
+        text("a reading and its unit in columns of their own", "m.csv", of("Index,Relative Time,Reading,Unit,cmd,speed,Out of limits", &|i, v| format!("{},{:.5},{:.5},N,{},F", i + 1, v[0], v[4], cells(&v[1..3], ",")))),
+    ]
+}
+
 /// A table of columns, compressed with zstd as pandas and polars can.
 #[cfg(feature = "parquet")]
 fn zstd() -> Vec<u8> {
@@ -334,7 +391,7 @@ fn fails(name: &str, bytes: &[u8]) -> Option<String> {
 }
 
 /// How many files the first model file runs on is printed with `-- --nocapture`.
-fn count(all: &[Foreign]) {
+fn count(all: &[Foreign], goal: usize) {
     let mut failures = Vec::new();
     for (what, name, bytes) in all {
         let why = fails(name, bytes);
@@ -343,8 +400,8 @@ fn count(all: &[Foreign]) {
     }
     let ran = all.len() - failures.len();
     println!("{ran} of {} run", all.len());
-    assert_eq!(all.len(), 25);
-    assert!(ran >= GOAL, "{ran} run:\n{}", failures.join("\n\n"));
+    assert_eq!(all.len(), ALL);
+    assert!(ran >= goal, "{ran} run:\n{}", failures.join("\n\n"));
 }
 
 #[cfg(feature = "parquet")]
@@ -352,15 +409,20 @@ fn count(all: &[Foreign]) {
 fn the_first_model_file_runs_on_nearly_all_foreign_files() {
     let mut all = texts();
     all.push(("Parquet with zstd", "a.parquet", zstd()));
-    count(&all);
+    count(&all, ALL);
 }
 
 #[test]
 fn the_first_model_file_runs_on_files_of_further_kinds() {
-    count(&further());
+    count(&further(), ALL);
 }
 
 #[test]
 fn the_first_model_file_runs_on_files_of_a_third_set_of_kinds() {
-    count(&others());
+    count(&others(), ALL);
+}
+
+#[test]
+fn the_first_model_file_runs_on_files_of_a_stranger() {
+    count(&strangers(), ALL - 1);
 }

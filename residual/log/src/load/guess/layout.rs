@@ -92,16 +92,24 @@ impl Layout {
         let marks = shown.unwrap_or_else(|| decimal_of(&row_cells, row_lines, separator));
         let row = Row {
             is_number: row_cells.iter().map(|c| is_number(c, marks)).collect(),
+            is_date: row_cells
+                .iter()
+                .map(|c| dates::stamp(c).is_some())
+                .collect(),
             ends_empty: row_cells.last() == Some(&""),
             separator,
             marks,
         };
-        let from = header_of_labview(&lines).max(below_label_of_data(&lines));
-        let data = lines[from..]
+        let from = header_of_labview(&lines)
+            .max(below_label_of_data(&lines))
+            .max(below_stated_header(&lines));
+        let fits = lines[from..]
             .iter()
             .position(|l| row.fits(l.1))
             .map(|at| from + at)
             .ok_or_else(|| failed("no cell is a number"))?;
+        let worded = lines[from..fits].iter().rev();
+        let data = fits - worded.take_while(|l| row.fits_but_for_words(l.1)).count();
         let mut layout = Layout {
             input: Input {
                 separator: separator.into(),
@@ -123,45 +131,49 @@ impl Layout {
         let marked = marked.filter(|l| MARKED.iter().any(|mark| l.starts_with(mark)));
         let comments = names_in_comments(marked.chain(comments).collect(), separator, cells);
         let longer = row.longer_header(&lines[..data]);
-        let names = if let Some(names) = longer {
-            layout.origin = Origin::Line(lines[data - 1].0 + 1);
-            names
-        } else if let Some(stated) = increment(&lines[..data], separator) {
-            let line = &lines[stated.line];
-            layout.origin = Origin::Line(line.0 + 1);
-            layout.rate = Some(stated.rate);
-            layout.second = row.first_cells(lines[stated.line + 1].1);
-            let mut names = split(line.1, separator);
-            names.resize(cells, "");
-            names
-        } else if let Some((at, names)) = in_pairs(&above) {
-            layout.origin = Origin::Line(lines[at].0 + 1);
-            names
-        } else if let Some((at, names, second)) = row.header(&above) {
-            layout.second = second;
-            let own = split(lines[at].1, separator);
-            let as_they_are = own.len() == cells && is_utf8 && usable_as_they_are(&own);
-            if at + 1 == data && as_they_are {
-                layout.origin = Origin::Header;
-                layout.input.skip = if at > 0 { lines[at].0 } else { 0 };
-                return Ok(layout);
-            }
-            layout.origin = Origin::Line(lines[at].0 + 1);
-            names
-        } else if let Some((_, names, second)) = row.header(&comments) {
-            layout.origin = Origin::Comment;
-            layout.second = second;
-            names
-        } else if let Some(names) = row.shorter_header(&lines, data) {
-            layout.origin = Origin::Line(lines[data - 1].0 + 1);
-            names
-        } else {
-            let names = labels(&row_cells, marks);
-            if names.iter().any(|n| !n.is_empty()) {
-                layout.origin = Origin::Labels;
-            }
-            names
-        };
+        let names =
+            if let Some((at, names)) = after_word_for_names(&lines[..data], separator, cells) {
+                layout.origin = Origin::Line(lines[at].0 + 1);
+                names
+            } else if let Some(names) = longer {
+                layout.origin = Origin::Line(lines[data - 1].0 + 1);
+                names
+            } else if let Some(stated) = increment(&lines[..data], separator) {
+                let line = &lines[stated.line];
+                layout.origin = Origin::Line(line.0 + 1);
+                layout.rate = Some(stated.rate);
+                layout.second = row.first_cells(lines[stated.line + 1].1);
+                let mut names = split(line.1, separator);
+                names.resize(cells, "");
+                names
+            } else if let Some((at, names)) = in_pairs(&above) {
+                layout.origin = Origin::Line(lines[at].0 + 1);
+                names
+            } else if let Some((at, names, second)) = row.header(&above) {
+                layout.second = second;
+                let own = split(lines[at].1, separator);
+                let as_they_are = own.len() == cells && is_utf8 && usable_as_they_are(&own);
+                if at + 1 == data && as_they_are {
+                    layout.origin = Origin::Header;
+                    layout.input.skip = if at > 0 { lines[at].0 } else { 0 };
+                    return Ok(layout);
+                }
+                layout.origin = Origin::Line(lines[at].0 + 1);
+                names
+            } else if let Some((_, names, second)) = row.header(&comments) {
+                layout.origin = Origin::Comment;
+                layout.second = second;
+                names
+            } else if let Some(names) = row.shorter_header(&lines, data) {
+                layout.origin = Origin::Line(lines[data - 1].0 + 1);
+                names
+            } else {
+                let names = labels(&row_cells, marks);
+                if names.iter().any(|n| !n.is_empty()) {
+                    layout.origin = Origin::Labels;
+                }
+                names
+            };
         layout.input.header = header::usable(&names);
         layout.input.skip = if data > 0 { lines[data].0 } else { 0 };
         Ok(layout)
@@ -184,6 +196,8 @@ impl Layout {
 struct Row<'a> {
     /// Which of its cells are numbers.
     is_number: Vec<bool>,
+    /// Which of its cells are dates or times of day.
+    is_date: Vec<bool>,
     /// Whether its last cell is empty: a separator stands at its end.
     ends_empty: bool,
     separator: &'a str,
@@ -191,13 +205,32 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    /// Whether a line is a row: no text where the others have a number, and one number at least.
+    /// Whether a line is a row: no text where the others have a number or a date, and one number at
+    /// least.
     fn fits(&self, line: &str) -> bool {
         let cells = split(line, self.separator);
         let mut columns = self.is_number.iter().zip(&cells).filter(|(n, _)| **n);
         cells.len() == self.is_number.len()
+            && self.has_dates(&cells)
             && columns.clone().all(|(_, c)| value(c, self.marks).is_some())
             && columns.any(|(_, c)| is_number(c, self.marks))
+    }
+
+    fn has_dates(&self, cells: &[&str]) -> bool {
+        let mut dates = self.is_date.iter().zip(cells).filter(|(d, _)| **d);
+        dates.all(|(_, c)| c.is_empty() || dates::stamp(c).is_some())
+    }
+
+    /// Whether a line above the rows that fit is a row too, with words in a few cells, as of a
+    /// sensor that is not ready: a number in the first column of numbers, and in half of them.
+    fn fits_but_for_words(&self, line: &str) -> bool {
+        let cells = split(line, self.separator);
+        let columns = self.is_number.iter().zip(&cells).filter(|(n, _)| **n);
+        let numbers: Vec<bool> = columns.map(|(_, c)| is_number(c, self.marks)).collect();
+        cells.len() == self.is_number.len()
+            && self.has_dates(&cells)
+            && numbers.first() == Some(&true)
+            && 2 * numbers.iter().filter(|n| **n).count() >= numbers.len()
     }
 
     /// Cells of a line above the rows. A separator at the end of it, or of the rows only, makes no
@@ -257,9 +290,34 @@ impl Row<'_> {
         cells.len() == self.is_number.len() && !columns.any(|(n, c)| *n && is_value(c))
     }
 
+    /// Place of a line further up than the last two with names that are understood, two or more, and
+    /// more than in the last two: below it stand kinds, units and numbers of channels.
+    fn known_names(&self, above: &[Vec<&str>]) -> Option<usize> {
+        let known = |cells: &Vec<&str>| {
+            let whole = cells.len() == self.is_number.len() && self.may_name(cells);
+            let roles = cells.iter().filter(|c| Name::of(c).role().is_some());
+            if whole {
+                roles.count()
+            } else {
+                0
+            }
+        };
+        let last = above.len().saturating_sub(2);
+        let in_last = above[last..].iter().map(known).max().unwrap_or(0);
+        let best = (0..last).max_by_key(|at| known(&above[*at]))?;
+        (known(&above[best]) > in_last.max(1)).then_some(best)
+    }
+
     /// Place and cells of the last line that names the columns, and the cells of the second line of
     /// the header below it.
     fn header<'a>(&self, above: &[Vec<&'a str>]) -> Option<(usize, Vec<&'a str>, Vec<String>)> {
+        if let Some(at) = self.known_names(above) {
+            let below = above
+                .get(at + 1)
+                .filter(|b| header::are_units(&above[at], b));
+            let second = below.map_or_else(Vec::new, |b| b.iter().map(|c| c.to_string()).collect());
+            return Some((at, above[at].clone(), second));
+        }
         if let [.., names, second] = above {
             // Cells may be missing at the end, but not between blanks.
             let count = self.is_number.len();
@@ -425,6 +483,53 @@ fn below_label_of_data(lines: &[Line]) -> usize {
     at.filter(|at| at + 1 < lines.len()).map_or(0, |at| at + 1)
 }
 
+/// Words before the number of the lines above the rows.
+const SIZES: [&str; 3] = ["header size", "header lines", "header length"];
+
+/// Place of the line below as many as the first one says are a header: `"Header Size",16`.
+fn below_stated_header(lines: &[Line]) -> usize {
+    let stated = lines.first().and_then(|(_, line)| {
+        let (label, rest) = line.split_once([':', '=', '\t', ',', ';'])?;
+        let label = label.trim().trim_matches('"').to_lowercase();
+        let count: usize = rest.trim_matches(['"', ' ', ',', ';', '\t']).parse().ok()?;
+        SIZES.contains(&label.as_str()).then_some(count)
+    });
+    let at = stated.and_then(|count| lines.iter().position(|l| l.0 >= count));
+    at.unwrap_or(0)
+}
+
+/// First cells of lines that name the columns, without marks.
+const NAMES: [&str; 7] = [
+    "tracename",
+    "channelname",
+    "channelnames",
+    "channeltitle",
+    "signalname",
+    "signalnames",
+    "variablename",
+];
+
+/// Place and names of a line that begins with a word for names, with a name for each of the
+/// `columns`, or for each but the first.
+fn after_word_for_names<'a>(
+    above: &[Line<'a>],
+    separator: &str,
+    columns: usize,
+) -> Option<(usize, Vec<&'a str>)> {
+    above.iter().enumerate().find_map(|(at, (_, line))| {
+        let cells = split(line, separator);
+        let word: String = cells[0].chars().filter(|c| c.is_alphabetic()).collect();
+        let names = match cells.len() {
+            n if n == columns + 1 => cells[1..].to_vec(),
+            n if n == columns => std::iter::once("")
+                .chain(cells[1..].iter().copied())
+                .collect(),
+            _ => return None,
+        };
+        (columns > 1 && NAMES.contains(&word.to_lowercase().as_str())).then_some((at, names))
+    })
+}
+
 /// Rows per second, where the lines above them say so.
 fn rate(above: &[Line], separator: &str) -> Option<f64> {
     rate_of_labview(above, separator)
@@ -441,15 +546,19 @@ fn rate_of_labview(above: &[Line], separator: &str) -> Option<f64> {
 }
 
 /// Words before the step of the rows, and before their rate, in the lines above them.
-const STEPS: [&str; 6] = [
+const STEPS: [&str; 7] = [
     "dt",
     "delta t",
+    "hresolution",
     "sample interval",
     "sampling interval",
     "sample period",
     "sampling period",
 ];
-const RATES: [&str; 6] = [
+const RATES: [&str; 9] = [
+    "frequency",
+    "abtastrate",
+    "data rate",
     "sample rate",
     "sampling rate",
     "sample frequency",
@@ -465,27 +574,35 @@ fn stated_rate(above: &[Line]) -> Option<f64> {
         let (label, rest) = line
             .split_once([':', '=', '\t', ',', ';'])
             .unwrap_or((line, ""));
-        let label = label.trim().trim_matches('"').to_lowercase();
-        let is_step = STEPS.contains(&label.as_str());
-        if !is_step && !RATES.contains(&label.as_str()) {
+        let label = label.trim().trim_matches('"');
+        // A unit may stand in brackets behind the words.
+        let (words, of_label) = label
+            .strip_suffix([']', ')'])
+            .and_then(|l| l.split_once(['[', '(']))
+            .unwrap_or((label, ""));
+        let words = words.trim().to_lowercase();
+        let is_step = STEPS.contains(&words.as_str());
+        if !is_step && !RATES.contains(&words.as_str()) {
             return None;
         }
         let below = above.get(i + 1).map_or("", |l| l.1);
         let (x, unit) = leading(if rest.trim().is_empty() { below } else { rest })?;
-        let rate = match (is_step, unit) {
+        let rate = match (is_step, if unit.is_empty() { of_label } else { unit }) {
             (true, "") => 1.0 / x,
             (true, unit) => 1.0 / (x * residual_columns::units::seconds(unit)?),
-            (false, "kHz") => 1e3 * x,
-            (false, "" | "Hz" | "1/s" | "S/s") => x,
+            (false, "kHz" | "kS/s") => 1e3 * x,
+            (false, "" | "Hz" | "1/s" | "/s" | "S/s" | "Sa/s" | "SPS") => x,
+            (false, "1/min" | "/min") => x / 60.0,
             _ => return None,
         };
         Some(rate).filter(|rate| rate.is_finite() && *rate > 0.0)
     })
 }
 
-/// The number at the head of a text, with a decimal point or comma, and the word behind it.
+/// The number at the head of a text, with a decimal point or comma, and the word behind it, which
+/// may stand in the next cell.
 fn leading(text: &str) -> Option<(f64, &str)> {
-    let text = text.trim_start_matches(|c: char| c == '"' || c.is_whitespace());
+    let text = text.trim_start_matches(|c: char| "\",;".contains(c) || c.is_whitespace());
     let in_number = |c: char| c.is_ascii_digit() || "+-.,eE".contains(c);
     let end = text.find(|c| !in_number(c)).unwrap_or(text.len());
     let (number, rest) = text.split_at(end);
@@ -493,10 +610,11 @@ fn leading(text: &str) -> Option<(f64, &str)> {
         Some((before, _)) if before.contains('.') => before.to_string(),
         _ => number.trim_end_matches(',').replacen(',', ".", 1),
     };
-    let unit = rest.trim_matches(|c: char| c == '"' || c.is_whitespace());
-    let unit = unit.split([' ', '\t', ',', ';']).next().unwrap_or("");
-    let is_word = unit.starts_with(char::is_alphabetic) || unit == "1/s";
-    Some((number.parse().ok()?, if is_word { unit } else { "" }))
+    let unit = rest.trim_matches(|c: char| "\",;".contains(c) || c.is_whitespace());
+    let unit = unit.split([' ', '\t', ',', ';', '"']).next().unwrap_or("");
+    let is_number = |c: char| c.is_ascii_digit() || "+-.".contains(c);
+    let is_unit = !unit.starts_with(is_number) || unit.starts_with("1/");
+    Some((number.parse().ok()?, if is_unit { unit } else { "" }))
 }
 
 /// Frames per second, as a number alone in a line above names that begin with `Frame`.

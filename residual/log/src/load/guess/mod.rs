@@ -110,7 +110,9 @@ impl Table {
         let mut stamped = pairs
             .filter(|(a, b)| is_stamp(a, b))
             .map(|(a, b)| (a.clone(), b.clone()));
-        let found = dated.or_else(|| stamped.next_back());
+        let found = dated
+            .or_else(|| self.with_milliseconds())
+            .or_else(|| stamped.next_back());
         let Some((a, b)) = found.or_else(|| self.nameless_stamp()) else {
             return;
         };
@@ -128,6 +130,24 @@ impl Table {
 }
 
 impl Table {
+    /// A column of times of day, or of dates with one, and that of the milliseconds behind its
+    /// seconds.
+    fn with_milliseconds(&self) -> Option<(String, String)> {
+        let within = |values: &[f64]| {
+            let mut finite = values.iter().filter(|x| x.is_finite());
+            finite.all(|x| *x == x.round() && (0.0..1000.0).contains(x))
+        };
+        let is_it =
+            |(name, values): &(&String, &Vec<f64>)| super::is_milliseconds(name) && within(values);
+        let (ms, _) = self.names.iter().zip(&self.columns).find(is_it)?;
+        let clocks = [dates::Kind::Both.words(), dates::Kind::TimeOfDay.words()];
+        let (time, _) = self
+            .times
+            .iter()
+            .find(|(_, words)| clocks.contains(words))?;
+        Some((time.clone(), ms.clone()))
+    }
+
     /// The first two columns without a name of their own that are the seconds and the nanoseconds
     /// of a stamp, by their values: `ros2 topic echo --csv` writes no names.
     fn nameless_stamp(&self) -> Option<(String, String)> {

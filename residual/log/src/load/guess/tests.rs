@@ -12,6 +12,14 @@ fn of(text: &str) -> (Spec, String) {
     (spec, text)
 }
 
+/// The text alone, also of a file that does not run yet.
+fn text_of(text: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.txt");
+    std::fs::write(&path, text).unwrap();
+    guess(&[path]).unwrap()
+}
+
 fn rows(separator: &str, decimal: &str) -> String {
     (0..80)
         .map(|i| {
@@ -857,4 +865,66 @@ fn topics_of_unlike_rates_are_named() {
     ] {
         assert!(text.contains(part), "{part}: {text}");
     }
+}
+
+#[test]
+fn rows_with_words_at_the_head_of_a_log_are_rows() {
+    for words in ["heating", "#DIV/0!", "not ready"] {
+        let rows: String = (0..300)
+            .map(|i| {
+                let [a, b, c] = three(i);
+                let temperature = if i < 120 {
+                    words.into()
+                } else {
+                    format!("{:.2}", 20.0 + a)
+                };
+                format!(
+                    "{:.3},{a:.4},{b:.4},{c:.4},{temperature}\n",
+                    0.01 * i as f64
+                )
+            })
+            .collect();
+        let (spec, text) = of(&format!("time,command,velocity,force,temp\n{rows}"));
+        assert_eq!(spec.input.skip, 0, "{words}: {text}");
+    }
+}
+
+#[test]
+fn the_unit_of_a_stated_rate_may_stand_beside_it() {
+    let rows: String = (0..300)
+        .map(|i| three(i).map(|x| format!("{x:.5}")).join(",") + "\n")
+        .collect();
+    for stated in [
+        "Sample Period:,10,ms",
+        "Sample Period,10 ms",
+        "Sampling interval [us],10000",
+        "Sample rate (kHz),0.1",
+        "Sample rate,6000 /min",
+        "Data rate: 100 SPS",
+        "\"SampleRate\",100.0,100.0,100.0",
+        "FREQUENCY,100",
+    ] {
+        let (spec, text) = of(&format!("{stated}\ncommand,velocity,force\n{rows}"));
+        assert!((spec.input.rate - 100.0).abs() < 1e-6, "{stated}: {text}");
+    }
+    // Of a unit that is not known no rate is made.
+    let text = text_of(&format!(
+        "Sample rate,100 blocks\ncommand,velocity,force\n{rows}"
+    ));
+    assert!(text.contains("# rate = ..."), "{text}");
+}
+
+#[test]
+fn names_that_are_understood_are_taken_before_lines_of_kinds() {
+    let rows: String = (0..300)
+        .map(|i| {
+            let [a, b, c] = three(i);
+            format!("{:.3},{a:.4},{b:.4},{c:.4}\n", 0.01 * i as f64)
+        })
+        .collect();
+    let kinds = "Type: double,Type: double,Type: double,Type: double\n\
+                 Interp: linear,Interp: linear,Interp: linear,Interp: linear\n";
+    let (spec, text) = of(&format!("time,command,velocity,force\n{kinds}{rows}"));
+    assert_eq!(spec.roles.target.column, "force", "{text}");
+    assert_eq!(spec.roles.time.column, "time", "{text}");
 }
