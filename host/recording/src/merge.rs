@@ -12,8 +12,10 @@ use super::read::{mcap_of, Entry, Reader};
 use super::rows::{CycleRow, SampleRow};
 use super::table::{Cell, Kind, Row};
 use super::times::Clocks;
+use ::parquet::basic::{LogicalType, TimeUnit};
 use ::parquet::file::reader::{FileReader, SerializedFileReader};
 use ::parquet::record::Field;
+use ::parquet::schema::types::ColumnDescriptor;
 use residual_columns::dates;
 use serde::Serialize;
 use std::path::Path;
@@ -281,6 +283,19 @@ pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
             options.log.display()
         ));
     }
+    let falls: Vec<usize> = (1..times.len())
+        .filter(|n| times[*n] < times[n - 1])
+        .collect();
+    if let Some(first) = falls.first() {
+        merged.warnings.push(format!(
+            "the time of {} falls at {} of {} rows, first at row {}: rows are out of order, or its clock was set",
+            options.log.display(),
+            falls.len(),
+            times.len(),
+            first + 1
+        ));
+    }
+    let coarse_s = coarse_s(&times);
     let is_joined = |at: &u64| joined(&recorded, *at, options.log_error_s).is_some();
     if !times.iter().any(is_joined) {
         merged.rows = times.len() as u64;
@@ -303,10 +318,10 @@ pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
         .collect();
     let mut output = Output::with_columns(options.out, columns)?;
     let (mut errors_s, mut errors_n) = (Vec::new(), Vec::new());
-    for (row, utc_ns) in log.rows.iter().zip(times) {
+    for ((row, utc_ns), coarse_s) in log.rows.iter().zip(times).zip(coarse_s) {
         let mut cells: Vec<Cell> = row.clone();
         merged.rows += 1;
-        match joined(&recorded, utc_ns, options.log_error_s) {
+        match joined(&recorded, utc_ns, options.log_error_s + coarse_s) {
             None => {
                 merged.outside += 1;
                 cells.extend(ADDED[1..].iter().map(|_| Cell::Null));
@@ -330,6 +345,21 @@ pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
     merged.error_median_s = errors_s.get(errors_s.len() / 2).copied();
     merged.error_median_n = errors_n.get(errors_n.len() / 2).copied();
     Ok(merged)
+}
+
+/// By how much each time may be off, s, because others are written alike: rows of one time were
+/// anywhere from it to the next one.
+fn coarse_s(times: &[u64]) -> Vec<f64> {
+    let mut out = Vec::with_capacity(times.len());
+    let mut before_s = 0.0;
+    for alike in times.chunk_by(|a, b| a == b) {
+        let next = times.get(out.len() + alike.len());
+        let step_s = next.map_or(before_s, |next| 1e-9 * next.abs_diff(alike[0]) as f64);
+        let error_s = if alike.len() > 1 { step_s } else { 0.0 };
+        out.extend(alike.iter().map(|_| error_s));
+        before_s = step_s;
+    }
+    out
 }
 
 /// First and last of some times, ns since 1970, as UTC; `None` if there is none.
@@ -664,6 +694,7 @@ fn parquet_rows(path: &Path) -> Result<Texts, RecordError> {
         .iter()
         .map(|column| column.name().to_owned())
         .collect();
+    let local: Vec<Option<u64>> = schema.columns().iter().map(|c| local_ns(c)).collect();
     let mut rows = Vec::new();
     for row in reader
         .get_row_iter(None)
@@ -672,11 +703,48 @@ fn parquet_rows(path: &Path) -> Result<Texts, RecordError> {
         let row = row.map_err(|error| unreadable(&error))?;
         rows.push(
             row.get_column_iter()
-                .map(|(_, field)| text_of(field))
+                .zip(&local)
+                .map(|((_, field), local)| match local {
+                    Some(unit_ns) => text_of_local(field, *unit_ns),
+                    None => text_of(field),
+                })
                 .collect(),
         );
     }
     Ok((names, rows))
+}
+
+/// Unit of a column of times without a zone, ns; `None` of any other column.
+fn local_ns(column: &ColumnDescriptor) -> Option<u64> {
+    match column.logical_type_ref()? {
+        LogicalType::Timestamp(time) if !time.is_adjusted_to_u_t_c => Some(match time.unit {
+            TimeUnit::MILLIS => 1_000_000,
+            TimeUnit::MICROS => 1_000,
+            TimeUnit::NANOS => 1,
+        }),
+        _ => None,
+    }
+}
+
+/// A time without a zone, as CSV has one.
+fn text_of_local(field: &Field, unit_ns: u64) -> String {
+    let value = match field {
+        Field::TimestampMillis(value) | Field::TimestampMicros(value) | Field::Long(value) => {
+            *value
+        }
+        other => return text_of(other),
+    };
+    match u64::try_from(value)
+        .ok()
+        .and_then(|v| v.checked_mul(unit_ns))
+    {
+        Some(ns) => {
+            let time = std::time::UNIX_EPOCH + std::time::Duration::from_nanos(ns);
+            let text = humantime::format_rfc3339_nanos(time).to_string();
+            text.trim_end_matches('Z').to_owned()
+        }
+        None => text_of(field),
+    }
 }
 
 /// A value as text; a number with all of its digits.
@@ -820,6 +888,52 @@ mod tests {
         writer.close().unwrap();
         let error = Log::read(&path).err().unwrap().to_string();
         assert!(error.contains("`pose.x` has parts"), "{error}");
+    }
+
+    #[test]
+    fn times_without_a_zone_in_parquet_are_no_utc() {
+        use ::parquet::data_type::Int64Type;
+        use ::parquet::file::writer::SerializedFileWriter;
+        let folder = tempfile::tempdir().unwrap();
+        let read = |name: &str, kind: &str, value: i64| {
+            let path = folder.path().join(name);
+            let schema = format!("message row {{ required int64 t ({kind}); }}");
+            let schema = ::parquet::schema::parser::parse_message_type(&schema).unwrap();
+            let file = std::fs::File::create(&path).unwrap();
+            let mut writer =
+                SerializedFileWriter::new(file, schema.into(), Default::default()).unwrap();
+            let mut group = writer.next_row_group().unwrap();
+            let mut column = group.next_column().unwrap().unwrap();
+            let column_writer = column.typed::<Int64Type>();
+            column_writer.write_batch(&[value], None, None).unwrap();
+            column.close().unwrap();
+            group.close().unwrap();
+            writer.close().unwrap();
+            let log = Log::read(&path).unwrap();
+            utc_ns(&[&log.rows[0][0]])
+        };
+        let us = 1_772_618_400_123_000;
+        for (kind, value) in [
+            ("TIMESTAMP(MILLIS,false)", us / 1_000),
+            ("TIMESTAMP(MICROS,false)", us),
+            ("TIMESTAMP(NANOS,false)", us * 1_000),
+        ] {
+            assert_eq!(
+                read("local.parquet", kind, value),
+                Err(NoTime::NoZone),
+                "{kind}"
+            );
+        }
+        let utc = read("utc.parquet", "TIMESTAMP(MICROS,true)", us);
+        assert_eq!(utc, Ok(us * 1_000));
+    }
+
+    #[test]
+    fn times_that_are_written_alike_may_be_off_by_as_much_as_the_next_one() {
+        let s = 1_000_000_000;
+        let times = [0, 1, 1, 1, 2, 3, 3].map(|t| t * s);
+        assert_eq!(coarse_s(&times), [0.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0]);
+        assert_eq!(coarse_s(&[]), [0.0; 0]);
     }
 
     #[test]
