@@ -9,6 +9,7 @@ use estimator::sequence::Sequence;
 use residual::load::Table;
 use residual::spec::Action;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Why data can't be used. The text says what, where, and what to do.
@@ -275,6 +276,7 @@ pub fn load(path: &Path, mapping: &Mapping, rate_hz: f64, label: Label) -> Resul
     let absent = parts.first().map_or_else(Vec::new, |p| p.absent.clone());
     let file_rate_hz = parts.first().map_or(rate_hz, |p| p.rate_hz);
     let mut sequences: Vec<Sequence> = parts.into_iter().flat_map(|p| p.sequences).collect();
+    check_units(path, &sequences)?;
     sequences.sort_by(|a, b| {
         (a.trial, a.start_s)
             .partial_cmp(&(b.trial, b.start_s))
@@ -347,6 +349,53 @@ fn check_velocities(
                      Check both columns and their units in the mapping file; leave a velocity that is not measured out with `{{ absent = true }}`",
                     mapping.velocity[joint].column, mapping.position[joint].column
                 ),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// RMS of a trial's effort or force over the median of all trials from which its unit is another.
+/// Forces of one experiment differ by some times, units by 57 or more.
+const ANOTHER_UNIT: f64 = 30.0;
+
+/// Refuses a trial whose efforts or forces are far larger than those of the others.
+fn check_units(path: &Path, sequences: &[Sequence]) -> Result<(), LoadError> {
+    let mut squares: BTreeMap<usize, ([f64; 6], f64)> = BTreeMap::new();
+    for sequence in sequences {
+        let (sums, rows) = squares.entry(sequence.trial).or_default();
+        for k in 0..sequence.rows() {
+            let efforts = sequence.input_row(k)[6..9].iter();
+            let values = efforts.chain(sequence.target_row(k));
+            for (sum, value) in sums.iter_mut().zip(values) {
+                *sum += f64::from(*value).powi(2);
+            }
+            *rows += 1.0;
+        }
+    }
+    let names = [
+        "the effort of the shoulder",
+        "the effort of the elbow",
+        "the effort of the insertion",
+        "the force along x",
+        "the force along y",
+        "the force along z",
+    ];
+    for (i, name) in names.iter().enumerate() {
+        let rms = squares.values().map(|(sums, rows)| (sums[i] / rows).sqrt());
+        let mut sorted: Vec<f64> = rms.filter(|x| x.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let Some(median) = sorted.get(sorted.len() / 2).filter(|_| sorted.len() > 2) else {
+            continue;
+        };
+        let other = squares.iter().find_map(|(trial, (sums, rows))| {
+            let ratio = (sums[i] / rows).sqrt() / median;
+            (*median > 0.0 && ratio > ANOTHER_UNIT).then_some((trial, ratio))
+        });
+        if let Some((trial, ratio)) = other {
+            return Err(failed(
+                path,
+                format!("trial {trial}: {name} is {ratio:.0} times as large as in the median of the trials (RMS). Check its unit in that trial's log, or leave the trial out"),
             ));
         }
     }
@@ -629,6 +678,30 @@ mod tests {
             target: vec![0.0; 9_000],
             targets: 3,
         }
+    }
+
+    #[test]
+    fn a_trial_in_another_unit_is_refused() {
+        let trials = |factor: f32| -> Vec<Sequence> {
+            (1..5)
+                .map(|trial| {
+                    let mut sequence = moving(|i, v| v[i]);
+                    sequence.trial = trial;
+                    let scale = if trial == 3 { factor } else { 1.0 };
+                    // No force in one trial: free motion.
+                    let force = if trial == 2 { 0.0 } else { scale };
+                    sequence.target.iter_mut().for_each(|f| *f = force);
+                    sequence
+                })
+                .collect()
+        };
+        check_units(Path::new("day"), &trials(5.0)).unwrap();
+        let error = check_units(Path::new("day"), &trials(1e3)).unwrap_err();
+        let error = error.to_string();
+        assert!(
+            error.contains("day") && error.contains("trial 3: the force along x"),
+            "{error}"
+        );
     }
 
     #[test]
