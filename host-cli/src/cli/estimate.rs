@@ -167,8 +167,8 @@ struct Recalibrate {
 }
 
 /// Changes of friction and of torque per command that no robot has, shares. Grease and gears change
-/// the friction by some tenths; a sign that is exchanged makes -2 of the torque per command, a unit a
-/// thousandth or a thousand.
+/// the friction by some tenths; a sign that is exchanged makes -2 of the torque per command, a unit
+/// a thousandth or a thousand.
 const NO_CHANGE: std::ops::Range<f64> = -0.9..2.0;
 
 /// Refuses changes that are none of a robot.

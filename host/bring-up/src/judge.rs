@@ -46,8 +46,8 @@ const RATE_SPS: std::ops::RangeInclusive<f64> = 308.0..=332.0;
 /// differs by 5 to 8 %, the command is known to a step of 0.1 N.
 const GAIN: f64 = std::f64::consts::SQRT_2;
 /// The same from which it is certain. A line has no more than its slope: friction that takes 0.4 of
-/// the tension in place of 0.15 makes 0.7 of it, and so did a breakaway of 1.3 on the plant. No cable
-/// loses half.
+/// the tension in place of 0.15 makes 0.7 of it, and so did a breakaway of 1.3 on the plant. No
+/// cable loses half.
 const SURE_GAIN: f64 = 1.65;
 /// Friction without tension as a share of the rig file's that is in order. It differs between units
 /// by 7 % (one standard deviation), and the line finds it to some percent.

@@ -389,7 +389,8 @@ pub fn relations(
 /// Rows of a file from which its velocity is compared with its angle.
 const FEWEST_COMPARED: usize = 50;
 
-/// Range of an angle over the RMS of its steps from which it moves: noise about one angle has 4 to 6.
+/// Range of an angle over the RMS of its steps from which it moves: noise about one angle has 4 to
+/// 6.
 const MOVES: f64 = 20.0;
 
 /// Refuses a file whose velocity has one value all the time while its angle moves, or moves back: a

@@ -290,8 +290,8 @@ impl Row<'_> {
         cells.len() == self.is_number.len() && !columns.any(|(n, c)| *n && is_value(c))
     }
 
-    /// Place of a line further up than the last two with names that are understood, two or more, and
-    /// more than in the last two: below it stand kinds, units and numbers of channels.
+    /// Place of a line further up than the last two with names that are understood, two or more,
+    /// and more than in the last two: below it stand kinds, units and numbers of channels.
     fn known_names(&self, above: &[Vec<&str>]) -> Option<usize> {
         let known = |cells: &Vec<&str>| {
             let whole = cells.len() == self.is_number.len() && self.may_name(cells);
