@@ -7,7 +7,7 @@ use crate::interval::{error_n, HeldOut, Interval, Started};
 pub use crate::kind::Kind;
 use crate::misfit::TIMES;
 pub use crate::model::Keep;
-use crate::model::{Epochs, Model, ModelError, Progress};
+use crate::model::{Epochs, Model, ModelError, Progress, Stepper};
 use crate::motion::{Motion, INPUTS, INPUT_NAMES};
 use crate::physics::{Balance, Physics};
 use crate::recalibration::Change;
@@ -90,6 +90,8 @@ pub struct Estimator {
     pub base: Base,
     /// Intervals, where they were calibrated.
     pub interval: Option<Interval>,
+    /// Intervals of a model that knows what has changed of its robot.
+    pub told: Option<Interval>,
     /// Inputs without which it was trained, by their place in [`crate::motion::INPUT_NAMES`].
     pub absent: Vec<usize>,
     model: Body,
@@ -145,6 +147,8 @@ struct Stored {
     step_s: f64,
     base: Base,
     interval: Option<Interval>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    told: Option<Interval>,
     #[serde(default)]
     absent: Vec<usize>,
     model: StoredBody,
@@ -292,11 +296,12 @@ impl Estimator {
             step_s: first.step_s,
             base: training.base,
             interval: None,
+            told: None,
             absent: training.absent.clone(),
             model,
         };
         if training.intervals {
-            estimator.interval = Some(calibrated(training, sequences, progress)?);
+            (estimator.interval, estimator.told) = calibrated(training, sequences, progress)?;
         }
         Ok(estimator)
     }
@@ -310,7 +315,7 @@ impl Estimator {
         training: &Training,
         sequences: &[&Sequence],
     ) -> Result<(), ModelError> {
-        self.interval = Some(calibrated(training, sequences, &mut |_| {})?);
+        (self.interval, self.told) = calibrated(training, sequences, &mut |_| {})?;
         Ok(())
     }
 
@@ -361,6 +366,19 @@ impl Estimator {
             }
         }
         (square / rows.max(1) as f64).sqrt()
+    }
+
+    /// The intervals that hold now: a recalibration has told what has changed of the robot, or none
+    /// has.
+    #[must_use]
+    pub fn interval_now(&self) -> Option<&Interval> {
+        let recalibrated = match &self.model {
+            Body::Physics(physics) => physics.recalibrated(),
+            Body::Boosted(boosted) => boosted.recalibrated(),
+            _ => false,
+        };
+        let told = self.told.as_ref().filter(|_| recalibrated);
+        told.or(self.interval.as_ref())
     }
 
     /// The model.
@@ -462,6 +480,7 @@ impl Estimator {
             step_s: self.step_s,
             base: self.base,
             interval: self.interval.clone(),
+            told: self.told.clone(),
             absent: self.absent.clone(),
             model,
         };
@@ -526,6 +545,7 @@ impl Estimator {
             step_s: stored.step_s,
             base: stored.base,
             interval: stored.interval,
+            told: stored.told,
             absent: stored.absent,
             model,
         })
@@ -545,15 +565,16 @@ fn folds(sequences: &[&Sequence]) -> Result<(Vec<usize>, usize), ModelError> {
     Ok((trials, folds))
 }
 
-/// Intervals from folds of trials, each estimated by a model that has not seen it.
+/// Intervals from folds of trials, each estimated by a model that has not seen it; then those of
+/// models that know what has changed of the robot in it, where they can.
 fn calibrated(
     training: &Training,
     sequences: &[&Sequence],
     progress: &mut dyn FnMut(&Progress),
-) -> Result<Interval, ModelError> {
+) -> Result<(Option<Interval>, Option<Interval>), ModelError> {
     let (trials, folds) = folds(sequences)?;
-    let mut held_out = Vec::new();
-    let mut started = Started::default();
+    let mut held_out = [Vec::new(), Vec::new()];
+    let mut started = [Started::default(), Started::default()];
     for fold in 0..folds {
         progress(&Progress {
             done: (fold + 1) as f64 / (folds + 1) as f64,
@@ -567,17 +588,33 @@ fn calibrated(
         };
         let rest: Vec<&Sequence> = sequences.iter().copied().filter(|s| !held(s)).collect();
         let body = body(training, &rest, None, progress)?;
+        let model = body.model();
         for sequence in sequences.iter().filter(|s| held(s)) {
-            held_out.push(held_out_of(body.model(), sequence, training.axes.len()));
-            after_breaks(training, body.model(), sequence, &mut started);
+            for k in 0..2 {
+                let stepper = || match k {
+                    0 => Some(model.stepper()),
+                    _ => model.told_stepper(sequence),
+                };
+                let (Some(whole), Some(broken)) = (stepper(), stepper()) else {
+                    continue;
+                };
+                held_out[k].push(held_out_of(model, whole, sequence, training.axes.len()));
+                after_breaks(training, broken, sequence, &mut started[k]);
+            }
         }
     }
-    Interval::fit(&held_out, &started, training.base, &training.axes)
+    let fit = |k: usize| Interval::fit(&held_out[k], &started[k], training.base, &training.axes);
+    let told = (held_out[1].len() == held_out[0].len()).then(|| fit(1));
+    Ok((Some(fit(0)?), told.transpose()?))
 }
 
 /// Estimates of a model that has not seen the sequence, and its largest misfit.
-fn held_out_of<'a>(model: &dyn Model, sequence: &'a Sequence, axes: usize) -> HeldOut<'a> {
-    let mut stepper = model.stepper();
+fn held_out_of<'a>(
+    model: &dyn Model,
+    mut stepper: Box<dyn Stepper + '_>,
+    sequence: &'a Sequence,
+    axes: usize,
+) -> HeldOut<'a> {
     let mut predicted = vec![0.0; sequence.rows() * axes];
     let mut misfit: Option<[f64; TIMES]> = None;
     for (k, force) in predicted.chunks_exact_mut(axes).enumerate() {
@@ -604,7 +641,7 @@ const BROKEN_ROWS: usize = 15_000;
 /// Rows after starts and gaps of a replay of a held-out sequence.
 fn after_breaks(
     training: &Training,
-    model: &dyn Model,
+    mut stepper: Box<dyn Stepper + '_>,
     sequence: &Sequence,
     started: &mut Started,
 ) {
@@ -613,7 +650,6 @@ fn after_breaks(
     let mut random = Random::stream(training.trees.seed, "breaks", sequence.trial as u64);
     let breaks = Breaks::dense(rows, step_s, &mut random);
     let mut motion = Motion::new(step_s);
-    let mut stepper = model.stepper();
     let mut force = vec![0.0; training.axes.len()];
     for (k, before) in breaks.rows(rows, step_s, Before::Start) {
         match before {

@@ -21,6 +21,7 @@ pub mod network;
 #[cfg(feature = "networks")]
 pub mod neural;
 pub mod physics;
+pub mod pieces;
 pub mod recalibration;
 pub mod refusal;
 pub mod ridge;

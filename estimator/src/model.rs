@@ -68,6 +68,15 @@ pub trait Model: Send {
 
     /// An estimator for a live stream: one row in, one force out.
     fn stepper(&self) -> Box<dyn Stepper + '_>;
+
+    /// The same for the rows of a log with a measured force, from its first one on, by a model that
+    /// knows what has changed of the robot in it: the measured force has told. Rows that are
+    /// missing are those of a gap; a reset forgets the motion alone. `None`: the model knows no
+    /// changes.
+    fn told_stepper(&self, sequence: &Sequence) -> Option<Box<dyn Stepper + '_>> {
+        let _ = sequence;
+        None
+    }
 }
 
 /// How a model fits its robot.

@@ -27,7 +27,10 @@ use crate::geometry::Base;
 use crate::misfit::{Misfit, TIMES};
 use crate::model::{Fit, Model, ModelError, Stepper};
 use crate::motion::{LowPass, Moment, Motion, FADE, FILTER_S, LEVELS, LONGEST_GAP_S, STOPS};
-use crate::recalibration::{effects, motor_angle, Change, Found, Free, FRICTION as FRICTION_OF};
+use crate::pieces::{self, Own, Usual};
+use crate::recalibration::{
+    effects, motor_angle, Change, Effects, Found, Free, FRICTION as FRICTION_OF, GAIN as GAIN_OF,
+};
 use crate::ridge::{Ridge, Sums};
 use crate::sequence::Sequence;
 use crate::wander::Wander;
@@ -71,6 +74,14 @@ const LINK_FADE: [[f64; 4]; 2] = [[0.001, 0.003, 0.01, 0.03], [1e-4, 3e-4, 1e-3,
 /// Least time of free motion that recalibrates, s: half of the minute that is asked for, since a
 /// start and rests tell nothing.
 const FREE_S: f64 = 30.0;
+/// Noise with changes between pieces per that without, at the motor where it is least, below which
+/// they are taken for changes of the robot. It was 0.31 at most on the arm of the standard
+/// experiment, and 0.78 at least on one that is the same in all trials (virtual arm, seeds 11 to
+/// 13).
+const CHANGES_FROM: f64 = 0.5;
+/// Standard deviation of a balance per Coulomb friction from which the search for it begins.
+/// Estimate.
+const USUAL_NOISE: f64 = 0.01;
 /// Every so many rows enters the fits where there are many: neighbours tell nearly the same.
 const EVERY: usize = 3;
 /// Rows for each regressor from which there are many.
@@ -91,11 +102,22 @@ pub struct Physics {
     /// Rate of the force in training per its size, 1/s.
     #[serde(default = "usual_rate")]
     rate_per_s: f64,
+    /// How each motor differed between pieces of the training, where it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    differs: Option<[Differs; 3]>,
     /// Components that are given out: 0 x, 1 y, 2 z.
     axes: Vec<usize>,
     /// What a recalibration has found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     found: Option<Found>,
+}
+
+/// How a motor differed between pieces of the training.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Differs {
+    /// Changes that all pieces have.
+    mean: Effects,
+    usual: Usual,
 }
 
 /// Balance of a motor at a row, in the joint's unit: N·m, N·m, N.
@@ -230,6 +252,187 @@ fn visit<T: Send>(
         .collect()
 }
 
+/// Sums of the balances of the motors, with what each piece has for itself: by sequence, piece,
+/// motor. `motors` tell the friction.
+fn sums_of_pieces(
+    base: &Base,
+    coulomb: [f64; 3],
+    motors: &[Ridge; 3],
+    every: usize,
+    sequences: &[&Sequence],
+) -> Vec<Vec<[Sums; 3]>> {
+    let fresh = || [(); 3].map(|()| Sums::new(REGRESSORS + pieces::OWN, 1));
+    let step_s = sequences.first().map_or(1.0, |first| first.step_s);
+    let parts = visit(
+        base,
+        coulomb,
+        sequences,
+        || (Vec::new(), Vec::new(), 0_usize),
+        |(sums, row, n), moment, contact| {
+            let (piece, time_s) = pieces::place(*n, step_s);
+            if sums.len() <= piece {
+                sums.push(fresh());
+            }
+            if *n % every == 0 {
+                for i in 0..3 {
+                    regressors(moment, i, coulomb[i], row);
+                    let effects = expected_effects(&motors[i], moment, i, coulomb[i], row);
+                    let left = moment.torque[i] + contact[i] - motors[i].value(0, row);
+                    pieces::push(&effects, time_s, row);
+                    sums[piece][i].push(row, &[left]);
+                }
+            }
+            *n += 1;
+        },
+    );
+    parts.into_iter().map(|(sums, _, _)| sums).collect()
+}
+
+fn dot(changes: &Effects, effects: &Effects) -> f64 {
+    changes.iter().zip(effects).map(|(c, x)| c * x).sum()
+}
+
+/// What changes would add to a balance whose contact is known. A gain is on what is expected of the
+/// torque: the torque itself would explain itself.
+fn expected_effects(
+    motor: &Ridge,
+    moment: &Moment,
+    i: usize,
+    coulomb: f64,
+    row: &[f64],
+) -> Effects {
+    let mut effects = effects(moment, i, coulomb, friction(motor.weights(0), row));
+    effects[GAIN_OF] = motor.value(0, row);
+    effects
+}
+
+/// Noise of the balances. `value`: what is expected of torque and contact, from the number of the
+/// sequence, that of the settled row, the motor, the state and its regressors.
+fn noise_of(
+    base: &Base,
+    coulomb: [f64; 3],
+    sequences: &[&Sequence],
+    value: impl Fn(usize, usize, usize, &Moment, &[f64]) -> f64 + Sync,
+) -> [Noise; 3] {
+    let parts: Vec<_> = (sequences.par_iter().enumerate())
+        .flat_map(|(number, sequence)| {
+            visit(
+                base,
+                coulomb,
+                &[*sequence],
+                || ([(); 3].map(|()| Vec::new()), Vec::new(), 0_usize),
+                |(pairs, row, n), moment, contact| {
+                    *n += 1;
+                    // Every fifth row: neighbours tell the same.
+                    if *n % 5 == 0 {
+                        for i in 0..3 {
+                            regressors(moment, i, coulomb[i], row);
+                            let value = value(number, *n - 1, i, moment, row);
+                            let error = value - moment.torque[i] - contact[i];
+                            pairs[i].push((moment.rate[i].abs(), error));
+                        }
+                    }
+                },
+            )
+        })
+        .collect();
+    let mut noise: [Vec<(f64, f64)>; 3] = Default::default();
+    for (part, _, _) in parts {
+        for (all, more) in noise.iter_mut().zip(part) {
+            all.extend(more);
+        }
+    }
+    noise.map(Noise::fit)
+}
+
+/// Balances of a robot that changes between pieces of the training.
+struct Changing {
+    motors: [Ridge; 3],
+    noise: [Noise; 3],
+    differs: [Differs; 3],
+}
+
+/// Fits them; `None`: too few rows. `coarse`: the first fit.
+fn changing(
+    base: &Base,
+    coulomb: [f64; 3],
+    coarse: &[Ridge; 3],
+    every: usize,
+    sequences: &[&Sequence],
+) -> Option<Changing> {
+    // What has changed is told by the few regressors of the first fit. Those with a torque would
+    // explain the torque by itself.
+    let coarse: [Ridge; 3] = core::array::from_fn(|i| {
+        let mut places: Vec<usize> = (0..GRAVITY).collect();
+        places.extend([GRAVITY + 10 + i * LEVELS + MIDDLE, GRAVITY + 3 + i]);
+        coarse[i].placed(&places, REGRESSORS)
+    });
+    let step_s = sequences.first()?.step_s;
+    let parts = sums_of_pieces(base, coulomb, &coarse, every, sequences);
+    let counts: Vec<usize> = parts.iter().map(Vec::len).collect();
+    let mut by_motor: [Vec<Sums>; 3] = Default::default();
+    for piece in parts.into_iter().flatten() {
+        for (all, sums) in by_motor.iter_mut().zip(piece) {
+            all.push(sums);
+        }
+    }
+    let mut fitted = Vec::with_capacity(3);
+    for (i, pieces_of) in by_motor.iter_mut().enumerate() {
+        let noise = (USUAL_NOISE * coulomb[i]).powi(2).max(1e-12);
+        fitted.push(pieces::fit(
+            pieces_of,
+            &coarse[i],
+            noise,
+            every as f64 * step_s,
+        )?);
+    }
+    // What each sequence has for itself.
+    let mut from = 0;
+    let told = counts.into_iter().map(|count| {
+        let pieces = from..from + count;
+        from += count;
+        let own = pieces.map(|piece| core::array::from_fn(|i| fitted[i].own[piece].clone()));
+        Told {
+            own: own.collect(),
+            rows: 0,
+        }
+    });
+    let told: Vec<Told> = told.collect();
+    let noise = noise_of(base, coulomb, sequences, |sequence, at, i, moment, row| {
+        let effects = expected_effects(&coarse[i], moment, i, coulomb[i], row);
+        fitted[i].common.value(0, row)
+            - dot(&fitted[i].mean, &effects)
+            - told[sequence].adds(i, at, step_s, &effects)
+    });
+    let differs = core::array::from_fn(|i| Differs {
+        mean: fitted[i].mean,
+        usual: fitted[i].usual,
+    });
+    let motors: Vec<Ridge> = fitted.into_iter().map(|fitted| fitted.common).collect();
+    Some(Changing {
+        motors: motors.try_into().ok()?,
+        noise,
+        differs,
+    })
+}
+
+/// What pieces of a sequence have for themselves.
+#[derive(Debug, Clone, Default)]
+struct Told {
+    own: Vec<[Own; 3]>,
+    /// Rows that were taken.
+    rows: usize,
+}
+
+impl Told {
+    /// What it adds to what the balance of motor `i` lacks at a settled row.
+    fn adds(&self, i: usize, row: usize, step_s: f64, effects: &Effects) -> f64 {
+        let (piece, time_s) = pieces::place(row, step_s);
+        let own = self.own.get(piece).or(self.own.last());
+        own.map_or(0.0, |own| own[i].adds(effects, time_s))
+    }
+}
+
 /// Regressors of the first fit: gravity, Coulomb and viscous friction.
 const SMALL: usize = GRAVITY + 2;
 
@@ -301,47 +504,43 @@ impl Physics {
             row.truncate(GRAVITY);
             row.extend([m.motor_stop(i, MIDDLE), m.flow[i]]);
         })?;
-        let coulomb = coarse.map(|motor| motor.weights(0)[GRAVITY].max(0.0));
+        let coulomb = core::array::from_fn(|i| coarse[i].weights(0)[GRAVITY].max(0.0));
         let settled = |s: &&Sequence| s.rows().saturating_sub(settle_rows(s.step_s));
         let rows: usize = sequences.iter().map(settled).sum();
         let every = if rows < MANY * REGRESSORS { 1 } else { EVERY };
         let motors = fit(&base, coulomb, sequences, REGRESSORS, every, |m, i, row| {
             regressors(m, i, coulomb[i], row);
         })?;
-        let pairs = visit(
-            &base,
-            coulomb,
-            sequences,
-            || ([(); 3].map(|()| Vec::new()), Vec::new(), 0_usize),
-            |(pairs, row, n), moment, contact| {
-                *n += 1;
-                // Every fifth row: neighbours tell the same.
-                if *n % 5 == 0 {
-                    for i in 0..3 {
-                        regressors(moment, i, coulomb[i], row);
-                        let error = motors[i].value(0, row) - moment.torque[i] - contact[i];
-                        pairs[i].push((moment.rate[i].abs(), error));
-                    }
-                }
-            },
-        );
-        let mut noise: [Vec<(f64, f64)>; 3] = Default::default();
-        for (part, _, _) in pairs {
-            for (all, more) in noise.iter_mut().zip(part) {
-                all.extend(more);
-            }
-        }
+        let plain = noise_of(&base, coulomb, sequences, |_, _, i, _, row| {
+            motors[i].value(0, row)
+        });
+        let changing = changing(&base, coulomb, &coarse, every, sequences);
+        let less = |of: &Changing| -> [f64; 3] {
+            core::array::from_fn(|i| of.noise[i].deviation() / plain[i].deviation())
+        };
+        let changing = changing.filter(|of| less(of).iter().any(|ratio| *ratio < CHANGES_FROM));
+        let (motors, noise, differs) = match changing {
+            Some(of) => (of.motors, of.noise, Some(of.differs)),
+            None => (motors, plain, None),
+        };
         Ok(Self {
             step_s: first.step_s,
             base,
             motors,
             coulomb,
-            noise: noise.map(Noise::fit),
+            noise,
             prior: prior(sequences),
             rate_per_s: rate_per_s(sequences),
+            differs,
             axes: axes.to_vec(),
             found: None,
         })
+    }
+
+    /// Whether a recalibration has told what has changed of the robot.
+    #[must_use]
+    pub const fn recalibrated(&self) -> bool {
+        self.found.is_some()
     }
 
     /// Finds on free motion what has changed of the robot: no force is on the tool. What was found
@@ -370,7 +569,9 @@ impl Physics {
                 }
             }
         }
-        let found = sums.found().filter(|_| sums.told_s >= FREE_S);
+        let found = sums
+            .found(self.usual_torques())
+            .filter(|_| sums.told_s >= FREE_S);
         let Some(found) = found else {
             self.found = before;
             return Err(ModelError::Data(format!(
@@ -440,6 +641,12 @@ impl Physics {
             + 6
     }
 
+    /// Sizes of torques that came and went in training, per Coulomb friction.
+    fn usual_torques(&self) -> [f64; 3] {
+        let differs = self.differs.as_ref();
+        differs.map_or([0.0; 3], |differs| differs.map(|of| of.usual.torque()))
+    }
+
     fn wander(&self) -> Option<Wander> {
         let sizes = self.found.as_ref()?.wander(self.coulomb)?;
         let force = Matrix3::from_fn(|i, j| self.prior[i][j]).try_inverse()?;
@@ -460,6 +667,32 @@ impl Physics {
         Misfit::new(self.coulomb, &force, self.rate_per_s, noise, self.step_s)
     }
 
+    /// An observer that knows what has changed of the robot in this sequence: its measured force has
+    /// told. See [`Model::told_stepper`].
+    #[must_use]
+    pub fn told_observer(&self, sequence: &Sequence) -> Option<Observer<'_>> {
+        let differs = self.differs.as_ref()?;
+        let sums = sums_of_pieces(&self.base, self.coulomb, &self.motors, EVERY, &[sequence]);
+        let mut own = Vec::new();
+        for piece in sums.into_iter().flatten() {
+            let mut motors = Vec::with_capacity(3);
+            for (i, mut sums) in piece.into_iter().enumerate() {
+                sums.take_out(REGRESSORS, &differs[i].mean);
+                motors.push(differs[i].usual.own(
+                    &mut sums,
+                    REGRESSORS,
+                    EVERY as f64 * self.step_s,
+                )?);
+            }
+            own.push(motors.try_into().ok()?);
+        }
+        let told = Told { own, rows: 0 };
+        Some(Observer {
+            told: Some(told),
+            ..self.observer()
+        })
+    }
+
     /// An observer.
     #[must_use]
     pub fn observer(&self) -> Observer<'_> {
@@ -472,6 +705,7 @@ impl Physics {
             evidence: Vector3::zeros(),
             row: Vec::with_capacity(REGRESSORS),
             seen: Seen::default(),
+            told: None,
             misfit: self.misfit(),
             wander: self.wander().map(Box::new),
         }
@@ -561,6 +795,8 @@ pub struct Observer<'a> {
     row: Vec<f64>,
     seen: Seen,
     misfit: Misfit,
+    /// What a measured force has told of the changes of the robot.
+    told: Option<Told>,
     /// Torques that come and go, where a recalibration has found one.
     wander: Option<Box<Wander>>,
 }
@@ -583,19 +819,31 @@ impl Observer<'_> {
                 self.model.noise[i].variance(moment.rate[i].abs()) + unknown * unknown;
             let friction = friction(motor.weights(0), &self.row);
             self.seen.effects[i] = effects(moment, i, self.model.coulomb[i], friction);
+            if let Some(differs) = &self.model.differs {
+                contact -= dot(&differs[i].mean, &self.seen.effects[i]);
+            }
             if let Some(found) = &self.model.found {
                 let (adds, more) = found.adds(i, &self.seen.effects[i]);
                 contact -= adds;
                 variance += more;
                 uncertain[i] = more;
             }
+            if let Some(told) = &self.told {
+                let row = told.rows.saturating_sub(settle_rows(self.model.step_s));
+                contact -= told.adds(i, row, self.model.step_s, &self.seen.effects[i]);
+            }
+            self.seen.contact[i] = contact;
+            self.seen.deviation[i] = variance.sqrt();
+            if let (Some(differs), None, None) =
+                (&self.model.differs, &self.model.found, &self.told)
+            {
+                variance += differs[i].usual.variance(&self.seen.effects[i]);
+            }
             let lever = levers.row(i).transpose();
             information += lever * lever.transpose() / variance;
             evidence += lever * (contact / variance);
             contacts[i] = contact;
             variances[i] = variance;
-            self.seen.contact[i] = contact;
-            self.seen.deviation[i] = variance.sqrt();
         }
         let mut slow = Matrix3::from_diagonal(&uncertain);
         let mut unsure = variances;
@@ -625,6 +873,9 @@ impl Observer<'_> {
         } else {
             self.keep.powf(self.steps)
         };
+        if let Some(told) = &mut self.told {
+            told.rows += 1;
+        }
         self.steps = 1.0;
         let fresh = 1.0 - keep;
         self.information = self.information * keep + information * fresh;
@@ -659,6 +910,9 @@ impl Observer<'_> {
 
     /// The next row comes `elapsed_s` after the one before it: rows are missing between them.
     pub fn miss(&mut self, elapsed_s: f64) {
+        if let Some(told) = &mut self.told {
+            told.rows += ((elapsed_s / self.model.step_s).round() as usize).saturating_sub(1);
+        }
         if elapsed_s > LONGEST_GAP_S {
             self.forget();
         } else {
@@ -704,6 +958,10 @@ impl Model for Physics {
 
     fn stepper(&self) -> Box<dyn Stepper + '_> {
         Box::new(self.observer())
+    }
+
+    fn told_stepper(&self, sequence: &Sequence) -> Option<Box<dyn Stepper + '_>> {
+        Some(Box::new(self.told_observer(sequence)?))
     }
 }
 

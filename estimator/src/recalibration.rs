@@ -25,13 +25,13 @@ use serde::{Deserialize, Serialize};
 
 /// Changes of a motor: offset per Coulomb friction, share of friction, gain, ripple (sine, cosine)
 /// per Coulomb friction, share of friction that is more in positive direction.
-const CHANGES: usize = 6;
+pub const CHANGES: usize = 6;
 /// Standard deviations before anything is known. Estimates: about the sizes of docs/robot.md, "What
 /// changes".
-const SPREAD: [f64; CHANGES] = [0.1, 0.1, 0.03, 0.1, 0.1, 0.1];
+pub const SPREAD: [f64; CHANGES] = [0.1, 0.1, 0.03, 0.1, 0.1, 0.1];
 /// Time in which errors of a balance are alike, s. With 0.5 s the error after a minute was up to 20
 /// % larger, with 1 s up to 5 % (virtual arm, seed 1).
-const ALIKE_S: f64 = 2.0;
+pub const ALIKE_S: f64 = 2.0;
 /// Part of a change that is of another form than its effect here: a gear's friction does not change
 /// in all contacts alike. Estimate; with 0 the intervals of large changes covered 78 to 85 %
 /// (virtual arm, seed 1).
@@ -51,6 +51,8 @@ const WANDERS: f64 = 30.0;
 const LEAST_LEFT: f64 = 0.1;
 /// Place of the share of friction among the changes.
 pub(crate) const FRICTION: usize = 1;
+/// Place of the gain.
+pub(crate) const GAIN: usize = 2;
 /// Ripple of the friction over a turn that is told, share: some times what a minute finds where
 /// there is none.
 const TOLD_RIPPLE: f64 = 0.03;
@@ -59,6 +61,9 @@ const DIRECTION: usize = 2;
 
 /// The same with rate and curvature of the offset.
 const WITH_TIME: usize = CHANGES + 2;
+
+/// What a change of 1 adds to a balance, each: see [`effects`].
+pub type Effects = [f64; CHANGES];
 
 type Vector = SVector<f64, CHANGES>;
 type Matrix = SMatrix<f64, CHANGES, CHANGES>;
@@ -129,17 +134,19 @@ impl Free {
         }
     }
 
-    /// The changes; `None` where numbers are not finite.
+    /// The changes; `None` where numbers are not finite. `usual`: sizes of the torques that came and
+    /// went in training, per Coulomb friction; 0: none did.
     #[must_use]
-    pub fn found(&self) -> Option<Found> {
+    pub fn found(&self, usual: [f64; 3]) -> Option<Found> {
         let mut motors = Vec::with_capacity(3);
         for i in 0..3 {
-            motors.push(self.of_motor(&self.information[i], &self.evidence[i], self.squares[i])?);
+            motors.push(self.of_motor(i, usual[i])?);
         }
         motors.try_into().ok().map(Found)
     }
 
-    fn of_motor(&self, information: &Square, evidence: &Long, squares: f64) -> Option<OfMotor> {
+    fn of_motor(&self, i: usize, usual: f64) -> Option<OfMotor> {
+        let (information, evidence) = (&self.information[i], &self.evidence[i]);
         let prior = Matrix::from_diagonal(&Vector::from(SPREAD.map(|sd| sd.powi(-2))));
         let mut with_time = *information;
         let mut block = with_time.fixed_view_mut::<CHANGES, CHANGES>(0, 0);
@@ -156,13 +163,14 @@ impl Free {
         let spread = to * covariance.fixed_view::<2, 2>(CHANGES, CHANGES) * to.transpose();
         let far = moves.dot(&(spread.try_inverse()? * moves));
         // Where the changes explain the minute badly, they explain its time badly too.
-        let left = (squares - all.dot(evidence)).max(0.0) / (self.told_s / ALIKE_S);
+        let left = (self.squares[i] - all.dot(evidence)).max(0.0) / (self.told_s / ALIKE_S);
         let wander = if far > WANDERS * left.max(LEAST_LEFT) {
-            moves.norm().max(SPREAD[0])
+            let least = if usual > 0.0 { usual } else { SPREAD[0] };
+            moves.norm().max(least)
         } else {
             0.0
         };
-        let (changes, mut covariance) = if wander > 0.0 {
+        let (changes, mut covariance) = if wander.max(usual) > 0.0 {
             let mut changes: Vector = all.fixed_rows::<CHANGES>(0).into_owned();
             // The mean over the log.
             changes[0] +=
@@ -189,6 +197,7 @@ impl Free {
             changes: changes.into(),
             covariance: covariance.into(),
             wander,
+            usual,
         })
     }
 }
@@ -205,6 +214,9 @@ struct OfMotor {
     /// Size of a torque that comes and goes, per Coulomb friction; 0: none.
     #[serde(default)]
     wander: f64,
+    /// The same in training.
+    #[serde(default)]
+    usual: f64,
 }
 
 /// Changes of a motor for people, positive where there is more of it.
@@ -292,7 +304,7 @@ impl Found {
     /// is none.
     #[must_use]
     pub fn wander(&self, coulomb: [f64; 3]) -> Option<[f64; 3]> {
-        let sizes = core::array::from_fn(|i| self.0[i].wander * coulomb[i]);
+        let sizes = core::array::from_fn(|i| self.0[i].wander.max(self.0[i].usual) * coulomb[i]);
         sizes.iter().any(|size: &f64| *size > 0.0).then_some(sizes)
     }
 
@@ -303,6 +315,7 @@ impl Found {
             changes: c,
             covariance,
             wander,
+            ..
         } = &self.0[i];
         let deviation = |k: usize| covariance[k][k].max(0.0).sqrt();
         // The balance is what the model expects less what is commanded.
@@ -353,7 +366,7 @@ mod tests {
             sums.push(t, &of, lacking, variance, 0.02);
         }
         assert!((sums.told_s - 60.0).abs() < 1e-6);
-        sums.found().expect("finite")
+        sums.found([0.0; 3]).expect("finite")
     }
 
     #[test]
@@ -379,6 +392,28 @@ mod tests {
             );
         }
         assert_eq!(minute(made, |_| 0.1).wander(COULOMB), None);
+    }
+
+    #[test]
+    fn a_torque_that_came_and_went_in_training_is_expected_and_told_where_it_was_seen_alone() {
+        let sums = |drag: f64| {
+            let mut sums = Free::default();
+            for n in 0..3_000 {
+                let t = f64::from(n) * 0.02;
+                let effects = [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]; 3];
+                let torque = 0.02 + drag * (t / wander::TIME_S).sin();
+                sums.push(t, &effects, [0.0, torque, 0.0], [2.5e-5; 3], 0.02);
+            }
+            sums.found([0.0, 0.03, 0.0]).expect("finite")
+        };
+        let quiet = sums(0.0);
+        assert_eq!(quiet.wander([1.0; 3]), Some([0.0, 0.03, 0.0]));
+        assert_eq!(quiet.of_motor(1, 1.0).wander, 0.0);
+        // One that was seen has its own size, and at least the usual one.
+        let seen = sums(0.06);
+        let size = seen.of_motor(1, 1.0).wander;
+        assert!((0.03..0.1).contains(&size), "{size}");
+        assert_eq!(seen.wander([1.0; 3]), Some([0.0, size, 0.0]));
     }
 
     #[test]

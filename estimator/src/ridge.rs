@@ -19,6 +19,8 @@ pub struct Sums {
     regressors: usize,
     targets: usize,
     rows: usize,
+    /// Weight of the intercept: number of rows, less where a part of them has its own.
+    weight: f64,
     /// Sum of `row * row'`.
     products: DMatrix<f64>,
     /// Sum of rows.
@@ -35,6 +37,7 @@ impl Sums {
             regressors,
             targets,
             rows: 0,
+            weight: 0.0,
             products: DMatrix::zeros(width, width),
             sum: DVector::zeros(width),
             block: Vec::with_capacity(BLOCK * width),
@@ -51,6 +54,7 @@ impl Sums {
         self.block.extend_from_slice(regressors);
         self.block.extend_from_slice(targets);
         self.rows += 1;
+        self.weight += 1.0;
         if self.block.len() >= BLOCK * (self.regressors + self.targets) {
             self.flush();
         }
@@ -74,7 +78,89 @@ impl Sums {
         self.products += other.products;
         self.sum += other.sum;
         self.rows += other.rows;
+        self.weight += other.weight;
         self
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub const fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Sums of the first `keep` regressors and the targets, where the other regressors have
+    /// coefficients of their own in these rows. `usual`: inverse of the covariance of the
+    /// coefficients before anything is known, per noise of a row. `None`: it is not positive.
+    #[must_use]
+    pub fn without_own(&mut self, keep: usize, usual: &DMatrix<f64>) -> Option<Self> {
+        self.flush();
+        let own = self.regressors - keep;
+        let width = keep + self.targets;
+        let place = |i: usize| if i < keep { i } else { i + own };
+        let known = (self.products.view((keep, keep), (own, own)) + usual).cholesky()?;
+        let across = DMatrix::from_fn(own, width, |i, j| self.products[(keep + i, place(j))]);
+        let sum = self.sum.rows(keep, own).into_owned();
+        let (by_across, by_sum) = (known.solve(&across), known.solve(&sum));
+        Some(Self {
+            regressors: keep,
+            targets: self.targets,
+            rows: self.rows,
+            weight: self.weight - sum.dot(&by_sum),
+            products: DMatrix::from_fn(width, width, |i, j| self.products[(place(i), place(j))])
+                - across.tr_mul(&by_across),
+            sum: DVector::from_fn(width, |i, _| self.sum[place(i)]) - across.tr_mul(&by_sum),
+            block: Vec::new(),
+        })
+    }
+
+    /// Takes values times the regressors from `from` on out of the only target.
+    pub fn take_out(&mut self, from: usize, values: &[f64]) {
+        self.flush();
+        let target = self.regressors;
+        for (k, value) in values.iter().enumerate() {
+            let of_regressor = self.products.column(from + k).into_owned();
+            let mut column = self.products.column_mut(target);
+            column -= &of_regressor * *value;
+            self.sum[target] -= value * self.sum[from + k];
+        }
+        for (k, value) in values.iter().enumerate() {
+            self.products[(target, target)] -= value * self.products[(from + k, target)];
+        }
+        for i in 0..target {
+            self.products[(target, i)] = self.products[(i, target)];
+        }
+    }
+
+    /// Coefficients that these rows have for themselves where `common` holds for the first
+    /// regressors and the only target, their covariance per noise of a row, and the sum of squares
+    /// that is left. `None` as in [`Self::without_own`].
+    #[must_use]
+    pub fn own(
+        &mut self,
+        common: &Ridge,
+        usual: &DMatrix<f64>,
+    ) -> Option<(DVector<f64>, DMatrix<f64>, f64)> {
+        self.flush();
+        let keep = common.regressors;
+        let (own, last) = (self.regressors - keep, self.regressors);
+        let covariance = (self.products.view((keep, keep), (own, own)) + usual)
+            .cholesky()?
+            .inverse();
+        // What the common ones leave of the target: products with it.
+        let mut left = DVector::zeros(last + 1);
+        for (i, weight) in common.weights(0).iter().enumerate() {
+            left[i] = -weight;
+        }
+        left[last] = 1.0;
+        let intercept = common.intercept[0];
+        let with_left = &self.products * &left - &self.sum * intercept;
+        let own_values = &covariance * with_left.rows(keep, own);
+        let square =
+            left.dot(&with_left) - intercept * (self.sum.dot(&left) - intercept * self.weight);
+        let of_own = self.products.view((keep, keep), (own, own)) * &own_values;
+        let square =
+            square - 2.0 * own_values.dot(&with_left.rows(keep, own)) + own_values.dot(&of_own);
+        Some((own_values, covariance, square.max(0.0)))
     }
 
     /// The fit; `None` with fewer rows than regressors.
@@ -85,7 +171,7 @@ impl Sums {
         if self.rows <= n {
             return None;
         }
-        let rows = self.rows as f64;
+        let rows = self.weight;
         let mean = &self.sum / rows;
         let covariance = &self.products / rows - &mean * mean.transpose();
         let scale = DVector::from_fn(n, |i, _| {
@@ -135,6 +221,36 @@ pub struct Ridge {
 }
 
 impl Ridge {
+    /// A map to zero.
+    #[must_use]
+    pub fn zero(regressors: usize) -> Self {
+        Self {
+            weights: vec![0.0; regressors],
+            intercept: vec![0.0],
+            regressors,
+        }
+    }
+
+    /// The same map on rows of more regressors, with the place of each of its own there.
+    #[must_use]
+    pub fn placed(&self, places: &[usize], regressors: usize) -> Self {
+        let mut out = Self::zero(regressors);
+        for (place, weight) in places.iter().zip(self.weights(0)) {
+            out.weights[*place] = *weight;
+        }
+        out.intercept[0] = self.intercept[0];
+        out
+    }
+
+    /// The sum of both maps, which have the same regressors and targets.
+    #[must_use]
+    pub fn plus(mut self, other: &Self) -> Self {
+        let add = |to: &mut [f64], from: &[f64]| to.iter_mut().zip(from).for_each(|(a, b)| *a += b);
+        add(&mut self.weights, &other.weights);
+        add(&mut self.intercept, &other.intercept);
+        self
+    }
+
     /// Value of a target for a row of regressors.
     #[must_use]
     pub fn value(&self, target: usize, row: &[f64]) -> f64 {
@@ -210,6 +326,61 @@ mod tests {
             assert!(error.abs() < 1e-4, "{error}");
         }
         assert!(ridge.weights[1..].iter().all(|w| *w == 0.0), "{ridge:?}");
+    }
+
+    /// Two groups of rows with a slope in common and offsets of their own.
+    fn groups(offsets: [f64; 2]) -> [Sums; 2] {
+        let mut n = 0.0_f64;
+        offsets.map(|offset| {
+            let mut sums = Sums::new(2, 1);
+            for _ in 0..400 {
+                n += 1.0;
+                // The groups have other means of `x`: what they have for themselves leans on it.
+                let x = (n * 0.37).sin() + offset;
+                sums.push(&[x, 1.0], &[3.0 + 2.0 * x + offset]);
+            }
+            sums
+        })
+    }
+
+    #[test]
+    fn what_groups_have_for_themselves_does_not_go_into_what_they_share() {
+        let offsets = [0.4, -0.4];
+        let usual = DMatrix::from_element(1, 1, 0.01);
+        let [mut a, mut b] = groups(offsets);
+        let parts = [&mut a, &mut b].map(|sums| sums.without_own(1, &usual).unwrap());
+        let [first, second] = parts;
+        let common = first.merge(second).solve().unwrap();
+        assert!((common.weights(0)[0] - 2.0).abs() < 1e-3, "{common:?}");
+        for (sums, offset) in [&mut a, &mut b].into_iter().zip(offsets) {
+            let (own, covariance, left) = sums.own(&common, &usual).unwrap();
+            assert!((own[0] - offset).abs() < 1e-2, "{own}");
+            assert!((covariance[(0, 0)] - 1.0 / 400.01).abs() < 1e-9);
+            assert!((0.0..0.05).contains(&left), "{left}");
+        }
+        // All rows together take the offsets for a slope.
+        let [mut a, mut b] = groups(offsets);
+        let never = DMatrix::from_element(1, 1, 1e12);
+        let plain = a.without_own(1, &never).unwrap();
+        let plain = plain.merge(b.without_own(1, &never).unwrap());
+        assert!(plain.solve().unwrap().weights(0)[0] > 2.1);
+        // What is taken out of the target is left to nobody.
+        a.take_out(1, &[0.4]);
+        let (own, ..) = a.own(&common, &usual).unwrap();
+        assert!(own[0].abs() < 1e-2, "{own}");
+    }
+
+    #[test]
+    fn a_map_has_the_same_values_among_more_regressors() {
+        let small = Ridge {
+            weights: vec![2.0, -1.0],
+            intercept: vec![0.5],
+            regressors: 2,
+        };
+        let large = small.placed(&[3, 1], 4).plus(&Ridge::zero(4));
+        let row = [9.0, 4.0, 9.0, 7.0];
+        assert_eq!(large.value(0, &row), small.value(0, &[7.0, 4.0]));
+        assert_eq!(large.clone().plus(&large).value(0, &row), 21.0);
     }
 
     #[test]

@@ -59,7 +59,7 @@ impl<'a> Stream<'a> {
         Self {
             estimator,
             stepper: estimator.model().stepper(),
-            width: match &estimator.interval {
+            width: match estimator.interval_now() {
                 Some(interval) => Width::Interval(Box::new(interval.live(step_s))),
                 None => Width::Motion(Box::new(Motion::new(step_s))),
             },

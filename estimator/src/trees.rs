@@ -308,6 +308,21 @@ impl Boosted {
         Ok(self.physics.balances(sequence))
     }
 
+    /// See [`Physics::recalibrated`].
+    #[must_use]
+    pub const fn recalibrated(&self) -> bool {
+        self.physics.recalibrated()
+    }
+
+    fn with<'a>(&'a self, observer: Observer<'a>) -> BoostedStepper<'a> {
+        BoostedStepper {
+            model: self,
+            observer,
+            features: Features::new(self.correct, self.physics.step_s()),
+            held: Vec::new(),
+        }
+    }
+
     /// What to store.
     ///
     /// # Errors
@@ -348,12 +363,12 @@ impl Model for Boosted {
     }
 
     fn stepper(&self) -> Box<dyn Stepper + '_> {
-        Box::new(BoostedStepper {
-            model: self,
-            observer: self.physics.observer(),
-            features: Features::new(self.correct, self.physics.step_s()),
-            held: Vec::new(),
-        })
+        Box::new(self.with(self.physics.observer()))
+    }
+
+    fn told_stepper(&self, sequence: &Sequence) -> Option<Box<dyn Stepper + '_>> {
+        let observer = self.correct.then(|| self.physics.told_observer(sequence));
+        Some(Box::new(self.with(observer??)))
     }
 }
 
