@@ -71,15 +71,15 @@ impl Plant {
     }
 
     /// As [`Plant::new`], for a further run of the same rig: the robot's path is drawn anew where
-    /// the configuration draws it, and every figure of the units stays. Run 0 is that of
-    /// [`Plant::new`].
+    /// the configuration draws it, every figure of the units stays, and an effect that changes goes
+    /// on where its configuration says so. Run 0 is that of [`Plant::new`].
     ///
     /// # Errors
     /// As [`Plant::new`].
     pub fn of_run(config: PlantConfig, seed: u64, run: u64) -> Result<Self, ConfigError> {
         config.validate()?;
         let tip = Tip::new(&config, crate::rng::seed_of_run(seed, run));
-        Ok(Self::with_tip(config, seed, tip))
+        Ok(Self::with_tip(config, (seed, run), tip))
     }
 
     /// As [`Plant::new`], with a model of a robot at the cables' ends: of `config.robot` only the
@@ -93,7 +93,7 @@ impl Plant {
         robot: Box<dyn TipModel>,
     ) -> Result<Self, ConfigError> {
         config.validate()?;
-        Ok(Self::with_tip(config, seed, Tip::with_model(robot)))
+        Ok(Self::with_tip(config, (seed, 0), Tip::with_model(robot)))
     }
 
     /// The model given to [`Plant::with_robot`]; upcast to [`std::any::Any`] for its own interface.
@@ -102,12 +102,12 @@ impl Plant {
     }
 
     /// `config` is valid.
-    fn with_tip(config: PlantConfig, seed: u64, tip: Tip) -> Self {
+    fn with_tip(config: PlantConfig, seed_and_run: (u64, u64), tip: Tip) -> Self {
         let shared = Shared::new(&config);
         let units: Vec<Unit> = nominal_geometry(&config)
             .iter()
             .enumerate()
-            .map(|(i, n)| Unit::new(&config, &shared, n, i, seed, tip.position_m))
+            .map(|(i, n)| Unit::new(&config, &shared, n, i, seed_and_run, tip.position_m))
             .collect();
         let weight_n = scale(
             config.load_cell.gravity_m_per_s2,

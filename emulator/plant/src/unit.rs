@@ -55,11 +55,18 @@ pub struct UnitParameters {
 }
 
 impl UnitParameters {
-    fn draw(config: &PlantConfig, nominal: &NominalUnit, unit: usize, seed: u64) -> Self {
+    fn draw(
+        config: &PlantConfig,
+        nominal: &NominalUnit,
+        unit: usize,
+        seed: u64,
+        cell_tilt_rad: [f64; 2],
+    ) -> Self {
         let mut survey = SplitMix64::stream(seed, "survey", unit);
         let sd = config.survey.position_sd_m;
         let position_error = [0; 3].map(|_| sd * survey.normal_within(FURTHEST));
-        let tilt = [0; 2].map(|_| config.survey.axis_sd_rad * survey.normal_within(FURTHEST));
+        let tilt = cell_tilt_rad
+            .map(|tilt| tilt + config.survey.axis_sd_rad * survey.normal_within(FURTHEST));
         let axis = tilted(nominal.axis, tilt);
 
         let f = &config.friction;
@@ -241,11 +248,11 @@ impl Unit {
         shared: &Shared,
         nominal: &NominalUnit,
         unit: usize,
-        seed: u64,
+        (seed, run): (u64, u64),
         tip_m: Vec3,
     ) -> Self {
-        let parameters = UnitParameters::draw(config, nominal, unit, seed);
-        let modifiers = Modifiers::for_unit(&config.effects, unit);
+        let modifiers = Modifiers::for_unit(&config.effects, unit, run);
+        let parameters = UnitParameters::draw(config, nominal, unit, seed, modifiers.cell_tilt_rad);
         let f = &config.friction;
         let loose_reel = modifiers.backlash.clone().map(|play| LooseReel {
             bearing: MaxwellSlip::new(play.reel_friction_n, BEARING_PRESLIDING_M),
@@ -356,6 +363,7 @@ impl Unit {
         let fade = 1.0 + ratio * ratio;
         let kinetic = self.parameters.coulomb_n
             + m.coulomb_n
+            + m.changed_friction_n(time_s)
             + (self.parameters.per_load + m.per_load) * pull.abs()
             - self
                 .loose_reel

@@ -77,6 +77,72 @@ fn coulomb_raises_the_level_by_constant_and_load() {
     assert!((change - 0.45).abs() < 0.01, "{change}");
 }
 
+/// Its level is that of its time, also in a later run of the same rig.
+#[test]
+fn friction_that_changes_has_the_level_of_its_time() {
+    let toml = "kind = \"changing_friction\"\nbegin_n = 0.8\nend_n = 0.2\ntime_constant_s = 1.5";
+    let level = |age_s: f64| 0.2 + 0.6 * (-age_s / 1.5).exp();
+    let mut seen = 0;
+    // The first leg of the sweep ends after 4 s.
+    side_by_side(toml, 5.0, 0.003, 4, |t, plain, changed| {
+        if t > 1.0 && t < 3.8 {
+            let more = changed.tension_n(0) - plain.tension_n(0);
+            assert!((more - level(t)).abs() < 0.03, "{more} N at {t} s");
+            seen += 1;
+        }
+    });
+    assert!(seen > 2_700);
+    let tension = |run_s: f64, run: u64| {
+        let mut config = gauge(0.012, 0.003);
+        let effect = effect(&format!("{toml}\nrun_s = {run_s:?}"));
+        config.effects.push(effect);
+        let volts = volts_for_pull(&config, 5.0);
+        let mut plant = Plant::of_run(config, 5, run).unwrap();
+        plant.set_amplifier_power(true);
+        plant.set_amplifier_volts(0, volts).unwrap();
+        plant.set_robot_moving(true);
+        plant.advance_to(3_000_000_000);
+        plant.tension_n(0)
+    };
+    assert_eq!(tension(0.0, 2), tension(0.0, 0));
+    let less = tension(0.5, 0) - tension(0.5, 2);
+    assert!((less - (level(3.0) - level(4.0))).abs() < 0.02, "{less}");
+}
+
+/// A cell that stands askew sees the share along its axis, also where the cable's direction
+/// changes.
+#[test]
+fn a_tilted_cell_weighs_the_share_along_its_axis() {
+    let at = |across_m: f64, toml: &str| {
+        let mut config = gauge(0.012, 0.01);
+        config.robot.path = PathConfig::Fixed(plant::config::FixedPath {
+            offset_m: [0.0, 0.0, across_m],
+        });
+        config.survey.axis_sd_rad = 0.0;
+        config.effects.push(effect(toml));
+        let volts = volts_for_pull(&config, 5.0);
+        let mut plant = Plant::new(config, 5).unwrap();
+        plant.set_amplifier_power(true);
+        plant.set_amplifier_volts(0, volts).unwrap();
+        plant.advance_to(500_000_000);
+        plant.cell_force_n(0) / plant.tension_n(0)
+    };
+    let (along, tilted) = ("first_rad = 0.0", "first_rad = 0.2");
+    let share = |across_m: f64, tilt: &str| at(across_m, &format!("kind = \"cell_tilt\"\n{tilt}"));
+    assert!((share(0.0, along) - 1.0).abs() < 1e-5);
+    assert!((share(0.0, tilted) - 0.2_f64.cos()).abs() < 1e-3);
+    // The unit is 0.4 m away.
+    let turned = (0.05_f64 / 0.4).atan();
+    let [up, down] = [0.05, -0.05].map(|across_m| share(across_m, tilted));
+    let due = (0.2 - turned).cos() - (0.2 + turned).cos();
+    assert!(((up - down).abs() - due).abs() < 2e-3, "{up} {down} {due}");
+    let aside = share(0.05, "second_rad = 0.2");
+    assert!(
+        (aside - 0.2_f64.cos() * turned.cos()).abs() < 2e-3,
+        "{aside}"
+    );
+}
+
 #[test]
 fn periodic_pull_follows_the_shaft() {
     for (shaft, order, ratio) in [("reel", 3.0, 1.0), ("motor", 2.0, 26.0 / 7.0)] {

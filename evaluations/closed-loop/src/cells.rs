@@ -52,7 +52,7 @@ pub fn page(options: &Options) -> Result<String, String> {
             options,
             seed,
             &folder.join("without"),
-            &plant_text(&[]),
+            &plant_text("", &[]),
             kind_of(seed),
         )?;
         costs.push((

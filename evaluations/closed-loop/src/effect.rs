@@ -1,6 +1,8 @@
 //! What a seed's rig has beyond its rig file: kind and size, drawn from the seed, as a plant file.
 
 use evaluation::clap;
+use plant::{Plant, PlantConfig};
+use std::f64::consts::TAU;
 use std::fmt::Write as _;
 
 /// Cables start this slack, m, so that the zeros are taken without a pull, as docs/bring-up.md has
@@ -8,6 +10,12 @@ use std::fmt::Write as _;
 const SLACK_M: f64 = 0.003;
 /// Mean command of the excitation, N: where friction that grows with load is compared.
 pub const MIDDLE_N: f64 = 4.5;
+
+/// How much later each session of the command begins than the one before, s: one that holds a force
+/// for 16 s takes 25 s with its start, the one that drives for 40 s takes 48 s.
+const RUN_S: f64 = 30.0;
+/// Begin, middle and end of what session 2 records by that clock, s.
+const RECORDED_S: [f64; 3] = [RUN_S + 7.0, RUN_S + 27.0, RUN_S + 47.0];
 
 /// Names by which friction of the reel counts as named, with its load or without.
 const FRICTION: &[&str] = &["coulomb", "load_dependent_coulomb"];
@@ -42,6 +50,10 @@ pub enum Kind {
     Creep,
     CellCurve,
     Nothing,
+    Stiffness,
+    CellTilt,
+    Scatter,
+    Changing,
 }
 
 impl Kind {
@@ -58,6 +70,10 @@ impl Kind {
             Self::Creep => "creep of the cells",
             Self::CellCurve => "curve of the cells",
             Self::Nothing => "nothing",
+            Self::Stiffness => "stiffness of the cables",
+            Self::CellTilt => "misalignment of the cells",
+            Self::Scatter => "scatter of the units",
+            Self::Changing => "friction that changes",
         }
     }
 }
@@ -76,7 +92,15 @@ pub const KINDS: [Kind; 10] = [
     Kind::Nothing,
 ];
 
-/// Where the effects of a rig are, and how many.
+/// Further kinds, one for each of four seeds. The ten stay as they are, so that a seed's rig does.
+pub const MORE: [Kind; 4] = [
+    Kind::Stiffness,
+    Kind::CellTilt,
+    Kind::Scatter,
+    Kind::Changing,
+];
+
+/// Which effects a rig has, and where.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Effects {
     /// One, in all units.
@@ -85,6 +109,9 @@ pub enum Effects {
     OneUnit,
     /// Two, in all units: that of the seed and that of the next one of its ten.
     Two,
+    /// One of the further kinds, in all units: stiffness of the cables, cells that are askew, more
+    /// scatter of the units, friction that changes while the command runs.
+    More,
 }
 
 /// An effect that a rig has.
@@ -97,8 +124,12 @@ pub struct Effect {
     /// The number that is compared, and its unit.
     pub value: f64,
     pub unit: &'static str,
-    /// Its lines of a plant file.
-    lines: String,
+    /// By how much it grows while session 2 is recorded, N, where it does.
+    pub change_n: Option<f64>,
+    /// Figures of the plant that it changes, with their tables in the keys.
+    figures: String,
+    /// Its entry of `[[effects]]`, where it is one.
+    entry: String,
 }
 
 /// What a rig has beyond its rig file.
@@ -151,34 +182,37 @@ pub fn kind_of(seed: u64) -> Kind {
 pub fn truth(seed: u64, size: f64, effects: Effects) -> Truth {
     let ten = KINDS.len() as u64;
     let next = seed - seed.saturating_sub(1) % ten + seed % ten;
-    let seeds = match effects {
-        Effects::Two => vec![seed, next],
-        Effects::All | Effects::OneUnit => vec![seed],
+    let drawn = match effects {
+        Effects::Two => vec![(seed, kind_of(seed)), (next, kind_of(next))],
+        Effects::All | Effects::OneUnit => vec![(seed, kind_of(seed))],
+        Effects::More => vec![(seed, MORE[(seed.saturating_sub(1) % 4) as usize])],
     };
-    let effects_of: Vec<Effect> = seeds.into_iter().filter_map(|s| effect(s, size)).collect();
-    let only = (effects == Effects::OneUnit && !effects_of.is_empty()).then_some(1 + seed % 6);
-    let lines: Vec<String> = effects_of
-        .iter()
-        .map(|effect| match only {
-            Some(unit) => format!("{}\nunits = [{}]", effect.lines, unit - 1),
-            None => effect.lines.clone(),
-        })
+    let effects_of: Vec<Effect> = (drawn.into_iter())
+        .filter_map(|(seed, kind)| effect(seed, kind, size))
         .collect();
+    let only = (effects == Effects::OneUnit && !effects_of.is_empty()).then_some(1 + seed % 6);
+    let entries = (effects_of.iter().filter(|effect| !effect.entry.is_empty())).map(|effect| {
+        let of = only.map_or(String::new(), |unit| format!("\nunits = [{}]", unit - 1));
+        effect.entry.clone() + &of
+    });
+    let figures: String = effects_of.iter().map(|e| e.figures.as_str()).collect();
     Truth {
-        plant: plant_text(&lines),
+        plant: plant_text(&figures, &entries.collect::<Vec<_>>()),
         effects: effects_of,
         only,
     }
 }
 
 /// The effect of a seed; `None`: it has none.
-fn effect(seed: u64, size: f64) -> Option<Effect> {
-    let kind = kind_of(seed);
+fn effect(seed: u64, kind: Kind, size: f64) -> Option<Effect> {
     let mut draw = Draw(seed.wrapping_mul(0x5851_F42D_4C95_7F2D));
     let sign = if draw.next() & 1 == 0 { 1.0 } else { -1.0 };
     let x = draw.between(0.0, 1.0);
     let within = |low: f64, high: f64| size * (low + (high - low) * x);
-    let (words, lines, names, value, unit) = match kind {
+    let y = draw.between(0.0, 1.0);
+    let mut figures = String::new();
+    let mut change_n = None;
+    let (words, entry, names, value, unit) = match kind {
         Kind::Coulomb => {
             let n = within(0.4, 0.8);
             (
@@ -275,6 +309,73 @@ fn effect(seed: u64, size: f64) -> Option<Effect> {
             )
         }
         Kind::Nothing => return None,
+        // From stranded steel of twice the section, or a braid of half the modulus.
+        Kind::Stiffness => {
+            let times = (sign * within(0.5, 0.9)).exp();
+            let ea_n = times * PlantConfig::default().cable.axial_stiffness_n;
+            let _ = writeln!(figures, "cable.axial_stiffness_n = {ea_n}");
+            (
+                format!("cables of {times:.2} times the stiffness"),
+                String::new(),
+                &["cable_stretch"][..],
+                times,
+                "times",
+            )
+        }
+        // A bracket that was bent, or mounted askew, after the survey.
+        Kind::CellTilt => {
+            let tilt = within(0.1, 0.2);
+            let (first, second) = (TAU * y).sin_cos();
+            (
+                format!("cells askew by {:.1} degrees", tilt.to_degrees()),
+                format!(
+                    "kind = \"cell_tilt\"\nfirst_rad = {}\nsecond_rad = {}",
+                    tilt * first,
+                    tilt * second
+                ),
+                &["cosine_misalignment", "geometry"][..],
+                tilt,
+                "rad",
+            )
+        }
+        Kind::Scatter => {
+            let times = 1.0 + within(1.5, 2.5);
+            let mut config = PlantConfig::default();
+            let f = &mut config.friction;
+            for (key, sd) in [
+                ("offset_sd_n", &mut f.offset_sd_n),
+                ("gain_sd", &mut f.gain_sd),
+                ("coulomb_relative_sd", &mut f.coulomb_relative_sd),
+                ("per_load_relative_sd", &mut f.per_load_relative_sd),
+            ] {
+                *sd *= times;
+                let _ = writeln!(figures, "friction.{key} = {sd}");
+            }
+            (
+                format!("{times:.2} times the scatter of the units' friction"),
+                String::new(),
+                FRICTION,
+                friction_scatter_n(config, seed),
+                "N RMS at 4.5 N",
+            )
+        }
+        // Grease that warms within the time of the command, or runs dry.
+        Kind::Changing => {
+            let n = within(0.5, 0.8);
+            let (begin, end) = if sign > 0.0 { (0.0, n) } else { (n, 0.0) };
+            let s = 40.0 + 50.0 * y;
+            let level = RECORDED_S.map(|at_s| end + (begin - end) * (-at_s / s).exp());
+            change_n = Some(level[2] - level[0]);
+            (
+                format!("Coulomb friction from +{begin:.3} to +{end:.3} N, 63 % of it in {s:.0} s"),
+                format!(
+                    "kind = \"changing_friction\"\nbegin_n = {begin:?}\nend_n = {end:?}\ntime_constant_s = {s}\nrun_s = {RUN_S:?}"
+                ),
+                FRICTION,
+                level[1],
+                "N in session 2",
+            )
+        }
     };
     Some(Effect {
         kind,
@@ -282,17 +383,35 @@ fn effect(seed: u64, size: f64) -> Option<Effect> {
         names,
         value,
         unit,
-        lines,
+        change_n,
+        figures,
+        entry,
     })
 }
 
-/// A plant file with these effects.
-pub fn plant_text(effects: &[String]) -> String {
-    let mut plant = format!("[cable]\ninitial_slack_m = {SLACK_M}\n");
-    for lines in effects {
-        let _ = write!(plant, "\n[[effects]]\n{lines}\n");
+/// A plant file with these figures and entries of effects.
+pub fn plant_text(figures: &str, entries: &[String]) -> String {
+    let mut plant = format!("cable.initial_slack_m = {SLACK_M:?}\n{figures}");
+    for entry in entries {
+        let _ = write!(plant, "\n[[effects]]\n{entry}\n");
     }
     plant
+}
+
+/// What the units of a plant have of friction at the middle command beyond the rig file, RMS, N.
+fn friction_scatter_n(config: PlantConfig, seed: u64) -> f64 {
+    let f = PlantConfig::default().friction;
+    let declared = f.coulomb_n + MIDDLE_N * f.per_load;
+    Plant::new(config, seed).map_or(f64::NAN, |plant| {
+        let units = (0..plant.units()).map(|unit| plant.parameters(unit));
+        let more = units.map(|own| own.coulomb_n + MIDDLE_N * own.per_load - declared);
+        rms(&more.collect::<Vec<_>>(), plant.units())
+    })
+}
+
+/// Root mean square over so many units; those without a number have none.
+pub fn rms(values: &[f64], units: usize) -> f64 {
+    (values.iter().map(|x| x * x).sum::<f64>() / units as f64).sqrt()
 }
 
 #[cfg(test)]
@@ -332,5 +451,55 @@ mod tests {
         assert!(pairs
             .iter()
             .all(|kinds| kinds.len() < 2 || kinds[0] != kinds[1]));
+    }
+
+    /// Every plant is one that the rig takes, and differs from the rig file's in what the words
+    /// say.
+    #[test]
+    fn the_further_kinds_come_in_turn_and_their_plants_are_good() {
+        let usual = parsed(&plant_text("", &[]));
+        for seed in 1..60 {
+            for effects in [Effects::All, Effects::OneUnit, Effects::Two] {
+                parsed(&truth(seed, 1.0, effects).plant).validate().unwrap();
+            }
+            let more = truth(seed, 1.0, Effects::More);
+            let config = parsed(&more.plant);
+            config.validate().unwrap();
+            assert_eq!(config.cable.initial_slack_m, SLACK_M);
+            assert_eq!(
+                config.effects.len(),
+                usize::from(seed % 2 == 0),
+                "{}",
+                more.plant
+            );
+            let [effect] = more.effects.as_slice() else {
+                panic!("{seed}")
+            };
+            assert_eq!(effect.kind, MORE[(seed as usize - 1) % 4]);
+            assert!(effect.value.is_finite());
+            assert_ne!(config, usual);
+        }
+        // Half of them one way, half the other.
+        let ea_n = |seed| {
+            parsed(&truth(seed, 1.0, Effects::More).plant)
+                .cable
+                .axial_stiffness_n
+        };
+        let stiffer = (1..200)
+            .step_by(4)
+            .filter(|seed| ea_n(*seed) > 10_000.0)
+            .count();
+        assert!((15..=35).contains(&stiffer), "{stiffer} of 50");
+        // Scatter of the usual size is 0.05 of 0.909 N beside 4.5 N times 0.08 of 0.154.
+        let usual_n = |seed| friction_scatter_n(PlantConfig::default(), seed);
+        let mean_n = (1..=200).map(usual_n).sum::<f64>() / 200.0;
+        assert!(
+            (mean_n / 0.045_f64.hypot(0.055) - 1.0).abs() < 0.1,
+            "{mean_n}"
+        );
+    }
+
+    fn parsed(plant: &str) -> PlantConfig {
+        toml::from_str(plant).unwrap()
     }
 }

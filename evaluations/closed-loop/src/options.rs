@@ -11,10 +11,11 @@ use std::path::PathBuf;
 // xtask gives some of the options before those of the user, which count.
 #[command(bin_name = "cargo xtask closed-loop", args_override_self = true)]
 pub struct Options {
-    /// Seeds to run, both included; ten in a row have each kind of effect once.
+    /// Seeds to run, both included; ten in a row have each kind of effect once, four in a row with
+    /// `--effects more`.
     #[arg(long, value_name = "A..B", default_value = "1..10", value_parser = seeds)]
     pub seeds: RangeInclusive<u64>,
-    /// One effect in all units, one in one unit, or two in all units.
+    /// One effect in all units, one in one unit, two in all units, or one of the further kinds.
     #[arg(long, value_enum, value_name = "WHICH", default_value = "all")]
     pub effects: Effects,
     /// Length of the recorded session in seconds.

@@ -5,7 +5,7 @@ use crate::options::Options;
 use crate::table::{Cost, Kinds, HEAD};
 
 /// Why a kind has its result, printed only where it has it.
-const NOTES: [(Kind, Cost, &str); 5] = [
+const NOTES: [(Kind, Cost, &str); 8] = [
     (
         Kind::Backlash,
         Cost::None,
@@ -33,6 +33,23 @@ const NOTES: [(Kind, Cost, &str); 5] = [
         "*Friction in proportion to the pull* is drawn as that of one more guide, a quarter turn at a friction coefficient of 0.10 \
          to 0.14. `--size 0.5` halves all sizes ([what that cost](identify.md#on-rigs-with-undeclared-effects)).",
     ),
+    (
+        Kind::Stiffness,
+        Cost::Left,
+        "*Stiffness*: with open loops the tension follows the command over a stiff cable as over a soft one, and a rig file has no \
+         stiffness. A stiffer cable costs, as the gains are for 24 N/mm: [which gain takes it back](identify.md#cables-of-another-stiffness).",
+    ),
+    (
+        Kind::Stiffness,
+        Cost::None,
+        "*A softer cable* costs nothing: the loops are calmer with it.",
+    ),
+    (
+        Kind::CellTilt,
+        Cost::Left,
+        "*Misalignment of a cell* is an error of the measurement that goes with the cable's direction, which is not among the \
+         columns of the recording. The axis in the rig file corrects it, and `forcectl calibrate geometry` measures it: last column, worst cable and tip.",
+    ),
 ];
 
 /// The page docs/residual/closed-loop.md.
@@ -50,7 +67,8 @@ pub fn page(options: &Options, rows: &str, kinds: &Kinds) -> String {
         [] => String::new(),
         kinds => format!(
             "
-Kinds with which the command ended without a result, in a row at least: {}. Nothing was corrected there.
+Kinds with which the command ended without a result, in a row at least: {}. Nothing was corrected there
+([faults 46 and 15](identify.md#on-rigs-with-undeclared-effects)).
 ",
             names(kinds)
         ),
@@ -99,6 +117,12 @@ Such a drive is to be put right before anything is identified; `--size 0.5` halv
             " --effects two",
             "-two",
             "two effects in all its units (where one of the two is nothing, one)",
+        ),
+        Effects::More => (
+            "stiffness, misalignment, scatter or friction that changes,",
+            " --effects more",
+            "-more",
+            "one effect in all its units",
         ),
     };
     let sources = evaluation::sources();

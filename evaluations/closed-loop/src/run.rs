@@ -16,6 +16,8 @@ pub struct Findings {
     pub units: usize,
     /// For each effect the compared number in each unit that has and names it.
     pub found: Vec<Vec<f64>>,
+    /// Growth of friction while session 2 was recorded, N, in each unit in which it is sure.
+    pub changes: Vec<f64>,
     /// For each effect the units that name it and don't have it.
     pub elsewhere: Vec<usize>,
     /// Tension error of the worst cable, N RMS, before and after; `None` where a fault ended the
@@ -25,6 +27,8 @@ pub struct Findings {
     pub tip: (Option<f64>, Option<f64>),
     /// Worst cable and tip of the same rig without the effect, with the rig file as it is.
     pub without: Option<(f64, f64)>,
+    /// The same with the effect, after the geometry was measured again, where that is the remedy.
+    pub surveyed: Option<(f64, f64)>,
     /// What ended the session before, in a word or two; `None`: nothing did.
     pub stopped: Option<&'static str>,
     /// Changed settings.
@@ -68,7 +72,7 @@ fn compared(kind: Kind, effects: &[&Value]) -> f64 {
             .sum()
     };
     match kind {
-        Kind::Coulomb | Kind::LoadFriction => {
+        Kind::Coulomb | Kind::LoadFriction | Kind::Scatter | Kind::Changing => {
             -(sum("friction") + sum("friction_at_zero_load") + MIDDLE_N * sum("friction_per_load"))
         }
         Kind::Ripple => sum("amplitude"),
@@ -78,6 +82,8 @@ fn compared(kind: Kind, effects: &[&Value]) -> f64 {
         Kind::Backlash => 1e3 * 0.010 * (sum("gap") + sum("play")),
         Kind::Creep => 100.0 * sum("creep_share"),
         Kind::CellCurve => sum("curvature"),
+        Kind::Stiffness => sum("stiffness"),
+        Kind::CellTilt => sum("sine_share"),
         Kind::Nothing => 0.0,
     }
 }
@@ -100,6 +106,14 @@ fn weighed(report: &Value) -> Vec<(u64, Value)> {
         }
     }
     effects
+}
+
+/// By how much a unit's friction grew while it was recorded, N, where the interval excludes zero.
+fn sure_change_n(unit: &Value) -> Option<f64> {
+    let change = &unit["friction_change"];
+    let [low, high] = [0, 1].map(|i| change["interval_n"][i].as_f64());
+    let change_n = change["change_n"].as_f64()?;
+    (low? > 0.0 || high? < 0.0).then_some(change_n)
 }
 
 /// The findings in an `identify.json`.
@@ -138,7 +152,8 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
             }
         }
     }
-    for of_effect in &mut found {
+    let mut changes: Vec<f64> = units.iter().filter_map(sure_change_n).collect();
+    for of_effect in found.iter_mut().chain([&mut changes]) {
         of_effect.sort_by(f64::total_cmp);
     }
     let figure = |path: &str| report.pointer(path).and_then(Value::as_f64);
@@ -150,6 +165,7 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
         named,
         units: units.len(),
         found,
+        changes,
         elsewhere,
         worst: (
             before("/before/worst_tension_rms_n")?,
@@ -157,6 +173,7 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
         ),
         tip: (before("/before/tip_rms_n")?, figure("/after/tip_rms_n")),
         without: None,
+        surveyed: None,
         stopped: (report["before_fault"].as_str()).map(|why| {
             if why.contains("fault 44") {
                 "fault 44"
@@ -215,19 +232,56 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFi
     // The same rig without the effect: the smallest error that a correction can reach.
     std::fs::create_dir_all(&control).map_err(|e| format!("{}: {e}", control.display()))?;
     let plain = control.join("plant.toml");
-    std::fs::write(&plain, plant_text(&[])).map_err(|e| format!("{}: {e}", plain.display()))?;
+    std::fs::write(&plain, plant_text("", &[])).map_err(|e| format!("{}: {e}", plain.display()))?;
+    let force = ["set-force", "0", "2.5", "0", "--duration", &options.hold];
+    // Without what was weighed on the rig that has the effect.
+    call(options, seed, &force, &plain, &control, &control)?;
+    // What helps against a cell that is askew.
+    if truth.kinds().contains(&Kind::CellTilt) {
+        let geometry = folder.join("geometry");
+        call(
+            options,
+            seed,
+            &["calibrate", "geometry", "--yes"],
+            &plant,
+            &geometry,
+            &folder,
+        )?;
+        call(
+            options,
+            seed,
+            &force,
+            &plant,
+            &folder.join(SURVEYED),
+            &folder,
+        )?;
+    }
+    Ok(findings(truth, &json, &control)?)
+}
+
+/// Folder of the session after the geometry was measured again.
+const SURVEYED: &str = "surveyed";
+
+/// Another command on the rig of a seed; `of` is the folder with its state.
+fn call(
+    options: &Options,
+    seed: u64,
+    words: &[&str],
+    plant: &Path,
+    out: &Path,
+    of: &Path,
+) -> Result<(), String> {
     Command::new(&options.forcectl)
-        .args(["set-force", "0", "2.5", "0", "--duration", &options.hold])
+        .args(words)
         .args(["--link", &options.link, "--seed", &seed.to_string()])
         .arg("--plant")
-        .arg(&plain)
+        .arg(plant)
         .arg("--out")
-        .arg(&control)
-        // Without what was weighed on the rig that has the effect.
-        .env("FORCECTL_STATE_DIR", control.join("state"))
+        .arg(out)
+        .env("FORCECTL_STATE_DIR", of.join("state"))
         .output()
-        .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
-    Ok(findings(truth, &json, &control)?)
+        .map(|_| ())
+        .map_err(|e| format!("{}: {e}", options.forcectl.display()))
 }
 
 pub fn report_of(path: &Path) -> Result<Value, String> {
@@ -239,13 +293,22 @@ pub fn report_of(path: &Path) -> Result<Value, String> {
 /// What a report says, with the control run of the same rig without the effect.
 fn findings(truth: &Truth, report: &Path, control: &Path) -> Result<Findings, String> {
     let mut findings = read(truth, &report_of(report)?)?;
-    let control = report_of(&control.join("set-force.json"))?;
-    let cables = control["metrics"]["tension_rms_n"].as_array();
+    findings.without = Some(held(control)?);
+    let surveyed = control.with_file_name(SURVEYED);
+    if surveyed.exists() {
+        findings.surveyed = Some(held(&surveyed)?);
+    }
+    Ok(findings)
+}
+
+/// Worst cable and tip of a session that held the force, N RMS.
+fn held(folder: &Path) -> Result<(f64, f64), String> {
+    let run = report_of(&folder.join("set-force.json"))?;
+    let cables = run["metrics"]["tension_rms_n"].as_array();
     let worst = cables
         .into_iter()
         .flatten()
         .filter_map(Value::as_f64)
         .fold(0.0, f64::max);
-    findings.without = Some((worst, number(&control, "/metrics/tip_force_rms_n")?));
-    Ok(findings)
+    Ok((worst, number(&run, "/metrics/tip_force_rms_n")?))
 }

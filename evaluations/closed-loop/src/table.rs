@@ -1,6 +1,6 @@
 //! The table of results, a row for each seed, and the kinds of effect by result.
 
-use crate::effect::{Effect, Kind, Truth};
+use crate::effect::{rms, Effect, Kind, Truth};
 use crate::run::{Findings, NoFindings};
 use std::fmt::Write as _;
 
@@ -87,8 +87,26 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) ->
     let (true_value, found) = if truth.effects.is_empty() {
         ("-".to_owned(), "-".to_owned())
     } else {
-        let values = (truth.effects.iter()).map(|e| format!("{:.3} {}", e.value, e.unit));
-        let found = findings.found.iter().map(|found| median_and_range(found));
+        let values = (truth.effects.iter()).map(|e| {
+            let change = |n| format!(", changing by {n:+.3}");
+            format!(
+                "{:.3} {}{}",
+                e.value,
+                e.unit,
+                e.change_n.map_or(String::new(), change)
+            )
+        });
+        let found = (truth.effects.iter().zip(&findings.found)).map(|(e, found)| match e.kind {
+            Kind::Scatter => format!("{:.3}", rms(found, units)),
+            Kind::Changing => {
+                let (hits, change) = (findings.changes.len(), median_and_range(&findings.changes));
+                format!(
+                    "{}, changing by {change} in {hits}/{units}",
+                    median_and_range(found)
+                )
+            }
+            _ => median_and_range(found),
+        });
         (
             values.collect::<Vec<_>>().join("; "),
             found.collect::<Vec<_>>().join("; "),
@@ -104,8 +122,11 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) ->
         (_, true) => "better",
         (_, false) => "no better, left as it was",
     };
+    let surveyed = findings.surveyed.map_or(String::new(), |(worst, tip)| {
+        format!("; after `calibrate geometry` {worst:.3}, {tip:.3}")
+    });
     let text = format!(
-        "| {seed} | {} | {named} | {true_value} | {found} | {} | {} | {} | {board} |\n",
+        "| {seed} | {} | {named} | {true_value} | {found} | {} | {} | {} | {board}{surveyed} |\n",
         truth.words(),
         pair(findings.worst),
         pair(findings.tip),
@@ -237,5 +258,42 @@ mod tests {
         let (text, gained) = row(seed, &truth, &Err("no rig".to_owned().into()));
         assert!(!gained && text.contains("no rig"));
         assert!(read(&truth, &json!({"units": []})).is_err());
+    }
+
+    #[test]
+    fn further_kinds_are_compared_by_what_they_are() {
+        let unit = |n: f64, change: f64| {
+            json!({
+                "effects": [{"name": "coulomb", "params": {"friction": -n}}],
+                "friction_change": {"change_n": change, "interval_n": [change - 0.1, change + 0.1]},
+            })
+        };
+        let report = json!({
+            "units": [unit(0.3, -0.2), unit(0.4, -0.3), unit(0.5, 0.05)],
+            "changed": ["x"],
+            "better": false,
+            "before": {"worst_tension_rms_n": 0.2, "tip_rms_n": 0.1},
+        });
+        let text = |kind: Kind| {
+            let of = |seed: &u64| truth(*seed, 1.0, Effects::More).kinds() == [kind];
+            let truth = truth((1..5).find(of).unwrap(), 1.0, Effects::More);
+            let mut findings = read(&truth, &report).unwrap();
+            findings.surveyed = (kind == Kind::CellTilt).then_some((0.03, 0.06));
+            row(1, &truth, &Ok(findings)).0
+        };
+        let changing = text(Kind::Changing);
+        let due = "| 0.400 (0.300 to 0.500), changing by -0.200 (-0.300 to -0.200) in 2/3 |";
+        assert!(changing.contains(due), "{changing}");
+        assert!(
+            changing.contains(" N in session 2, changing by "),
+            "{changing}"
+        );
+        let scatter = text(Kind::Scatter);
+        assert!(scatter.contains("| 0.408 |"), "{scatter}");
+        let tilt = text(Kind::CellTilt);
+        assert!(
+            tilt.contains("; after `calibrate geometry` 0.030, 0.060 |"),
+            "{tilt}"
+        );
     }
 }

@@ -561,6 +561,11 @@ impl Connection {
         self.at.rig.as_ref()
     }
 
+    /// The plant's file of an emulated rig of its own, where one was given.
+    pub fn plant_file(&self) -> Option<&Path> {
+        self.new.plant.as_deref()
+    }
+
     /// Files that are read: of the rig and of its plant.
     pub fn inputs(&self) -> Vec<&Path> {
         let files = [self.at.rig.as_deref(), self.new.plant.as_deref()];

@@ -1,6 +1,8 @@
 //! The analysis of a recorded session, unit by unit, and the corrected rig file.
 
+use super::drift::FrictionChange;
 use super::findings::{self, Frame, Rewritten};
+use super::recording::csv;
 use super::{model, Recording};
 use control::convert::REEL_RADIUS_M;
 use residual::{Report, Verdict};
@@ -28,6 +30,8 @@ pub struct UnitFinding {
     pub report: Report,
     /// What of it is not in the new settings, and why.
     pub not_used: Vec<String>,
+    /// How friction changed while it was recorded; `None` where the recording doesn't tell.
+    pub friction_change: Option<FrictionChange>,
 }
 
 /// A unit whose load cell is to be weighed.
@@ -117,11 +121,12 @@ pub fn find(
         }
         progress.stage(&format!("unit {}", unit.number));
         let block_s = (recording.duration_s() / BLOCKS).min(LONGEST_BLOCK_S);
-        let report = analyse(unit, block_s, &recording.csv(i), out)?;
+        let rows = recording.rows(i);
+        let report = analyse(unit, block_s, &csv(&rows), out)?;
         delays[i] = Some(delay_s(&report));
         let not_used = match usable(&report) {
             Ok(mut compensation) => {
-                let angles: Vec<f64> = recording.rows(i).iter().map(|r| r.angle_rad).collect();
+                let angles: Vec<f64> = rows.iter().map(|r| r.angle_rad).collect();
                 findings::merge_ripples(&mut compensation.ripples, &angles);
                 let frame = Frame {
                     increment: true,
@@ -139,6 +144,7 @@ pub fn find(
             unit: unit.number,
             report,
             not_used,
+            friction_change: FrictionChange::of(&rows),
         });
     }
     let needed = delays_of_all(delays);

@@ -5,6 +5,7 @@
 //! | drive the cables with open loops | `excite` |
 //! | samples to rows | `recording` |
 //! | what the rig file declares | `model` |
+//! | friction that changes meanwhile | `drift` |
 //! | analysis of each unit | `find` |
 //! | findings to settings, settings to text | [`findings`] |
 //! | errors of a run | `figures` |
@@ -40,6 +41,7 @@
 //! a sample later again, since the DAC holds it for one.
 
 mod board_file;
+mod drift;
 mod excite;
 mod figures;
 mod file;
@@ -54,6 +56,7 @@ mod tests;
 mod trial;
 
 pub use board_file::{Applied, BoardFile, BoardFileError};
+pub use drift::FrictionChange;
 pub use excite::{check, excite, SMALL_SWING};
 pub use figures::Figures;
 pub use file::{replace, write, FileError};

@@ -135,28 +135,27 @@ impl Recording {
         };
         own.at_s.iter().zip(&own.value).filter_map(row).collect()
     }
+}
 
-    /// The rows of a unit (from 0) as CSV, with a header.
-    #[must_use]
-    pub fn csv(&self, unit: usize) -> String {
-        let mut text = "time_s,tension_n,command_n,speed_m_s,angle_rad".to_owned();
-        (1..=UNITS).for_each(|n| {
-            let _ = write!(text, ",tension_{n}_n");
+/// The rows of a unit as CSV, with a header.
+pub(super) fn csv(rows: &[Row]) -> String {
+    let mut text = "time_s,tension_n,command_n,speed_m_s,angle_rad".to_owned();
+    (1..=UNITS).for_each(|n| {
+        let _ = write!(text, ",tension_{n}_n");
+    });
+    text.push('\n');
+    for r in rows {
+        let _ = write!(
+            text,
+            "{:.6},{:.6},{:.6},{:.7},{:.6}",
+            r.time_s, r.tension_n, r.command_n, r.speed_m_s, r.angle_rad
+        );
+        r.neighbours_n.iter().for_each(|n| {
+            let _ = write!(text, ",{n:.5}");
         });
         text.push('\n');
-        for r in self.rows(unit) {
-            let _ = write!(
-                text,
-                "{:.6},{:.6},{:.6},{:.7},{:.6}",
-                r.time_s, r.tension_n, r.command_n, r.speed_m_s, r.angle_rad
-            );
-            r.neighbours_n.iter().for_each(|n| {
-                let _ = write!(text, ",{n:.5}");
-            });
-            text.push('\n');
-        }
-        text
     }
+    text
 }
 
 #[cfg(test)]

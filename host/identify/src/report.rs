@@ -1,7 +1,7 @@
 //! The report of a trial, for people and for programs.
 
 use super::file::{self, FileError};
-use super::{DoubtedCell, Figures, Trial, UnitFinding};
+use super::{DoubtedCell, Figures, FrictionChange, Trial, UnitFinding};
 use run::plot;
 use serde_json::{json, Value};
 use std::collections::{BTreeMap, BTreeSet};
@@ -99,6 +99,7 @@ impl Trial {
             ));
         }
         lines.extend(over_units(units).map(|text| format!("\n{text}")));
+        lines.extend(friction_changes(units).map(|text| format!("\n{text}")));
         let reports: Vec<String> = units
             .iter()
             .map(|u| format!("unit{}/report.md", u.unit))
@@ -229,6 +230,27 @@ pub(super) fn over_units(units: &[UnitFinding]) -> Option<String> {
     (!text.is_empty()).then(|| text.join(" "))
 }
 
+/// The units whose friction changed while they were recorded, in words; `None`: in none for sure.
+pub(super) fn friction_changes(units: &[UnitFinding]) -> Option<String> {
+    let of = units.iter().filter_map(|u| {
+        let change = u.friction_change.filter(FrictionChange::counts)?;
+        let [low, high] = change.interval_n;
+        let n = change.change_n;
+        Some(format!(
+            "unit {} by {n:+.3} N (95 %: {low:+.3} to {high:+.3})",
+            u.unit
+        ))
+    });
+    let of: Vec<String> = of.collect();
+    (!of.is_empty()).then(|| {
+        format!(
+            "Friction changed while session 2 ran: {}. What was found of it is a mean, and does not hold for a rig that goes on \
+             changing: let the rig warm up, look for a reel that rubs or runs dry, and call the command again.",
+            of.join(", ")
+        )
+    })
+}
+
 /// What was found of a unit, in JSON.
 pub(super) fn unit(u: &UnitFinding) -> Value {
     json!({
@@ -242,6 +264,7 @@ pub(super) fn unit(u: &UnitFinding) -> Value {
         "paths_not_judged": u.report.paths_not_judged,
         "structure": u.report.structure,
         "not_used": u.not_used,
+        "friction_change": u.friction_change,
     })
 }
 

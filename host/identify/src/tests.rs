@@ -4,7 +4,7 @@ use super::excite::MIN_SESSION_S;
 use super::*;
 use control::convert::REEL_RADIUS_M;
 use control::SystemState;
-use plant::effects::{AmplifierGain, Coulomb, Effect, Periodic, Shaft};
+use plant::effects::{AmplifierGain, ChangingFriction, Coulomb, Effect, Periodic, Shaft};
 use plant::PlantConfig;
 use residual::Report;
 use rig::{Rig, UnitSettings, DEFAULT_TEXT};
@@ -36,6 +36,13 @@ fn identified(effects: Vec<Effect>) -> (Findings, f64) {
 
 /// The same with another rig file.
 fn identified_from(rig: &Rig, text: &str, effects: Vec<Effect>) -> (Findings, f64) {
+    let recording = recorded(rig, effects);
+    let out = tempfile::tempdir().unwrap();
+    let findings = find(&recording, rig, "rig", text, out.path(), &mut ()).unwrap();
+    (findings, recording.swing)
+}
+
+fn recorded(rig: &Rig, effects: Vec<Effect>) -> Recording {
     let plant = PlantConfig {
         effects,
         ..PlantConfig::default()
@@ -54,9 +61,38 @@ fn identified_from(rig: &Rig, text: &str, effects: Vec<Effect>) -> (Findings, f6
     )
     .unwrap();
     assert_eq!(board.system, SystemState::Ready, "disarmed at the end");
-    let out = tempfile::tempdir().unwrap();
-    let findings = find(&recording, rig, "rig", text, out.path(), &mut ()).unwrap();
-    (findings, recording.swing)
+    recording
+}
+
+/// Friction that grows or falls by 0.5 N with a time constant of 20 s, in two units.
+#[test]
+fn friction_that_changes_is_seen_in_the_units_that_have_it() {
+    for (begin_n, end_n) in [(0.0, 0.5), (0.5, 0.0)] {
+        let recording = recorded(
+            &rig(),
+            vec![Effect::ChangingFriction(ChangingFriction {
+                units: vec![1, 4],
+                begin_n,
+                end_n,
+                time_constant_s: 20.0,
+                run_s: 0.0,
+            })],
+        );
+        for unit in 0..UNITS {
+            let change = FrictionChange::of(&recording.rows(unit)).unwrap();
+            assert_eq!(
+                change.counts(),
+                [1, 4].contains(&unit),
+                "{unit}: {change:?}"
+            );
+            // Recorded from 5 s on, for 24 s.
+            let due_n = (end_n - begin_n) * ((-5.0_f64 / 20.0).exp() - (-29.0_f64 / 20.0).exp());
+            assert!(
+                !change.counts() || (change.change_n - due_n).abs() < 0.1,
+                "{change:?}, {due_n} N due"
+            );
+        }
+    }
 }
 
 #[test]
@@ -163,6 +199,53 @@ fn a_rig_with_much_friction_is_found_out() {
         // Units differ by some 0.1 N by themselves.
         assert!((more - 0.8).abs() < 0.3, "{more} {:?}", findings.units);
     }
+}
+
+/// A rig whose runs are each 10 % better than the one before, as one that warms up: that is no gain
+/// of the findings.
+#[test]
+fn a_rig_that_gets_better_by_itself_shows_no_gain() {
+    let mut board = FakeBoard::new(Behavior::Good);
+    let options = run::Options::new([0.0, 2.5, 0.0], 4.0);
+    let outcome = run::set_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap();
+    let figures = Figures::of(&outcome).unwrap();
+    let found = Findings {
+        units: Vec::new(),
+        rig: rig(),
+        rewritten: findings::Rewritten {
+            text: String::new(),
+            changed: vec!["something".to_owned()],
+        },
+    };
+    let left = |with_findings: f64| {
+        let mut random = random::SplitMix64::new(1);
+        let mut size = 1.0;
+        let mut trial = Trial::new(Held::Whole(outcome.clone(), figures), found.clone(), 1.0);
+        let mut hold = |run: Run<'_>| -> Result<Held, ()> {
+            size *= 0.9;
+            let factor = if run.with_findings {
+                with_findings
+            } else {
+                1.0
+            };
+            let part = factor * size * (0.01 * random.normal()).exp();
+            let of_run = Figures {
+                tension_rms_n: figures.tension_rms_n.map(|rms| rms * part),
+                worst_tension_rms_n: figures.worst_tension_rms_n * part,
+                tip_rms_n: figures.tip_rms_n * part,
+                ..figures
+            };
+            Ok(Held::Whole(outcome.clone(), of_run))
+        };
+        trial.compare(&rig(), MOST_PAIRS, &mut hold).unwrap();
+        trial.left
+    };
+    assert!(
+        matches!(left(1.0), Some(Left::NotBetter(_))),
+        "{:?}",
+        left(1.0)
+    );
+    assert_eq!(left(0.5), None);
 }
 
 /// Repetitions on an emulated rig are no copies, or two of them would seem to confirm anything.

@@ -353,25 +353,34 @@ impl Trial {
         let mut before = self.figures.0;
         let mut afters: Vec<Figures> = Vec::new();
         for pair in 1.. {
-            let mut run = |with_findings, rig| {
-                hold(Run {
+            // In turn one of the two is first: a rig that changes from run to run favours neither.
+            let order: &[bool] = match pair {
+                1 => &[true],
+                _ if pair % 2 == 0 => &[true, false],
+                _ => &[false, true],
+            };
+            for &with_findings in order {
+                if !with_findings && self.stopped.is_some() {
+                    continue;
+                }
+                let held = hold(Run {
                     pair,
                     with_findings,
-                    rig,
-                })
-            };
-            if pair > 1 && self.stopped.is_none() {
-                match run(false, rig)? {
-                    Held::Whole(_, figures) => before = Some(figures),
-                    Held::Implausible(_, why) => self.stopped = Some(why),
+                    rig: if with_findings {
+                        &self.findings.rig
+                    } else {
+                        rig
+                    },
+                })?;
+                match (held, with_findings) {
+                    (Held::Whole(outcome, figures), true) => {
+                        self.after.get_or_insert(outcome);
+                        afters.push(figures);
+                    }
+                    (Held::Implausible(_, why), true) => return Ok(Some(Left::NotHeld(why))),
+                    (Held::Whole(_, figures), false) => before = Some(figures),
+                    (Held::Implausible(_, why), false) => self.stopped = Some(why),
                 }
-            }
-            match run(true, &self.findings.rig)? {
-                Held::Whole(outcome, figures) => {
-                    self.after.get_or_insert(outcome);
-                    afters.push(figures);
-                }
-                Held::Implausible(_, why) => return Ok(Some(Left::NotHeld(why))),
             }
             self.figures.1 = Figures::mean(&afters);
             // Without a session to the end there is nothing to compare. What holds the force again

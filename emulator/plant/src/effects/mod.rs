@@ -129,6 +129,21 @@ effects! {
         to.per_load += effect.per_load;
     };
 
+    /// An addition to the friction level that changes with time, as grease does that warms: `end +
+    /// (begin - end) exp(-t/tau)`.
+    ChangingFriction(units) {
+        /// Addition at the start of the first run, N, -5 to 10; the level never falls below zero.
+        begin_n: f64 in -5.0 ..= 10.0,
+        /// Addition in the end, N, -5 to 10.
+        end_n: f64 in -5.0 ..= 10.0,
+        /// tau, s, above 0.01.
+        time_constant_s: f64 in 0.01 ..= 1e6,
+        /// How much later than the run before a further run of the rig begins, s, 0 to 100000; 0:
+        /// each begins anew.
+        #[serde(default)]
+        run_s: f64 in 0.0 ..= 1e5,
+    } |effect, to| to.changing_friction.push(effect.clone());
+
     /// A pull of `amplitude sin(order angle + phase)` at the cable.
     Periodic(units) {
         /// Whose angle.
@@ -220,6 +235,20 @@ effects! {
         /// k, 1/N, -0.02 to 0.02.
         per_n: f64 in -0.02 ..= 0.02,
     } |effect, to| to.quadratic_per_n += effect.per_n;
+
+    /// Axis of the cell that is not where the survey found it: a tilt beside that of
+    /// `units.axis_tilt_rad`.
+    CellTilt(units) {
+        /// The first of its angles, rad, -0.5 to 0.5.
+        #[serde(default)]
+        first_rad: f64 in -0.5 ..= 0.5,
+        /// The second, rad, -0.5 to 0.5.
+        #[serde(default)]
+        second_rad: f64 in -0.5 ..= 0.5,
+    } |effect, to| {
+        to.cell_tilt_rad[0] += effect.first_rad;
+        to.cell_tilt_rad[1] += effect.second_rad;
+    };
 
     /// Tension `EA e (1 + k e)` for a strain `e`.
     CableHardening(units) {

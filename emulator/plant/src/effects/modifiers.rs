@@ -1,16 +1,19 @@
 //! The effects of one unit, summed for the physics.
 
 use super::{
-    Backlash, Creep, Crosstalk, Effect, Periodic, Shaft, Stribeck, TemperatureDrift, Tone,
+    Backlash, ChangingFriction, Creep, Crosstalk, Effect, Periodic, Shaft, Stribeck,
+    TemperatureDrift, Tone,
 };
 use std::f64::consts::TAU;
 
 /// What the physics of one unit asks of the effects; all neutral without any.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Modifiers {
+    run: u64,
     pub viscous_n_s_per_m: f64,
     pub coulomb_n: f64,
     pub per_load: f64,
+    pub changing_friction: Vec<ChangingFriction>,
     pub stribeck: Vec<Stribeck>,
     pub periodic: Vec<Periodic>,
     pub backlash: Option<Backlash>,
@@ -22,15 +25,19 @@ pub(crate) struct Modifiers {
     pub creep: Vec<Creep>,
     pub crosstalk: Vec<Crosstalk>,
     pub quadratic_per_n: f64,
+    pub cell_tilt_rad: [f64; 2],
     pub hardening_per_strain: f64,
     pub bridge_tones: Vec<Tone>,
     pub drive_tones: Vec<Tone>,
 }
 
 impl Modifiers {
-    /// All effects of `effects` that concern `unit`.
-    pub fn for_unit(effects: &[Effect], unit: usize) -> Self {
-        let mut modifiers = Self::default();
+    /// All effects of `effects` that concern `unit`, in a run of the rig (from 0).
+    pub fn for_unit(effects: &[Effect], unit: usize, run: u64) -> Self {
+        let mut modifiers = Self {
+            run,
+            ..Self::default()
+        };
         for effect in effects {
             if effect.concerns(unit) {
                 effect.install(&mut modifiers);
@@ -45,6 +52,18 @@ impl Modifiers {
         self.stribeck
             .iter()
             .map(|s| s.excess_n * (-(v_m_per_s / s.velocity_m_per_s).powi(2)).exp())
+            .sum()
+    }
+
+    /// Addition to the friction level that changes with time, N.
+    #[inline]
+    pub fn changed_friction_n(&self, time_s: f64) -> f64 {
+        self.changing_friction
+            .iter()
+            .map(|c| {
+                let age_s = time_s + self.run as f64 * c.run_s;
+                c.end_n + (c.begin_n - c.end_n) * (-age_s / c.time_constant_s).exp()
+            })
             .sum()
     }
 

@@ -10,6 +10,7 @@ use calibrate::standin::Digitizer;
 use calibration::geometry::Survey;
 use clap::Args;
 use serde_json::json;
+use session::link::fast::plant_of;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -117,7 +118,11 @@ impl Geometry {
     }
 
     fn standin(&self, seed: u64) -> Result<Digitizer> {
-        let mut digitizer = Digitizer::new(seed, None).map_err(Failure::usage)?;
+        let plant = self.by_hand.connection.plant_file().map(plant_of);
+        let plant = plant
+            .transpose()
+            .map_err(|e| Failure::usage(e.to_string()))?;
+        let mut digitizer = Digitizer::new(seed, plant).map_err(Failure::usage)?;
         for mistake in &self.by_hand.inject {
             digitizer.inject(mistake);
         }
