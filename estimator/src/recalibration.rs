@@ -139,8 +139,8 @@ impl Free {
     #[must_use]
     pub fn found(&self, usual: [f64; 3]) -> Option<Found> {
         let mut motors = Vec::with_capacity(3);
-        for i in 0..3 {
-            motors.push(self.of_motor(i, usual[i])?);
+        for (i, usual) in usual.into_iter().enumerate() {
+            motors.push(self.of_motor(i, usual)?);
         }
         motors.try_into().ok().map(Found)
     }
