@@ -667,8 +667,8 @@ impl Physics {
         Misfit::new(self.coulomb, &force, self.rate_per_s, noise, self.step_s)
     }
 
-    /// An observer that knows what has changed of the robot in this sequence: its measured force has
-    /// told. See [`Model::told_stepper`].
+    /// An observer that knows what has changed of the robot in this sequence: its measured force
+    /// has told. See [`Model::told_stepper`].
     #[must_use]
     pub fn told_observer(&self, sequence: &Sequence) -> Option<Observer<'_>> {
         let differs = self.differs.as_ref()?;

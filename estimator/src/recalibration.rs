@@ -134,8 +134,8 @@ impl Free {
         }
     }
 
-    /// The changes; `None` where numbers are not finite. `usual`: sizes of the torques that came and
-    /// went in training, per Coulomb friction; 0: none did.
+    /// The changes; `None` where numbers are not finite. `usual`: sizes of the torques that came
+    /// and went in training, per Coulomb friction; 0: none did.
     #[must_use]
     pub fn found(&self, usual: [f64; 3]) -> Option<Found> {
         let mut motors = Vec::with_capacity(3);
