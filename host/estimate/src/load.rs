@@ -318,7 +318,7 @@ fn check_velocities(
     sequences: &[Sequence],
     mapping: &Mapping,
 ) -> Result<(), LoadError> {
-    for joint in 0..3 {
+    for (joint, least) in STANDS.into_iter().enumerate() {
         let (mut pp, mut pv, mut vv, mut count) = (0.0, 0.0, 0.0, 0_usize);
         for sequence in sequences {
             let rows = (COMPARED_S / sequence.step_s).round().max(1.0) as usize;
@@ -335,7 +335,7 @@ fn check_velocities(
                 count += 1;
             }
         }
-        let stands = (pp / count.max(1) as f64).sqrt() < STANDS[joint];
+        let stands = (pp / count.max(1) as f64).sqrt() < least;
         if mapping.velocity[joint].absent || count < FEWEST_COMPARED || stands {
             continue;
         }

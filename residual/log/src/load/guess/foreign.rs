@@ -305,7 +305,7 @@ fn strangers() -> Vec<Foreign> {
         "Vertical Units,V",
     ];
     vec![
-        text("settings beside the first rows", "T0000.csv", lines(|i, v| format!("{},,{},{}", settings.get(i).unwrap_or(&","), format!("{:.5}", v[0]), with(v, ",")))),
+        text("settings beside the first rows", "T0000.csv", lines(|i, v| format!("{},,{:.5},{}", settings.get(i).unwrap_or(&","), v[0], with(v, ",")))),
         text("names with their units in words", "r.csv", of("in s,CH1 in V,CH2 in V,CH3 in V", &|_, v| point(v))),
         text("a resolution and no time", "y.csv", of("\"Header Size\",8\n\"TraceName\",\"cmd\",\"speed\",\"force\"\n\"BlockSize\",300,300,300\n\"VUnit\",\"N\",\"rad/s\",\"N\"\n\"SampleRate\",100.0,100.0,100.0\n\"HResolution\",1.0E-02,1.0E-02,1.0E-02\n\"HUnit\",\"s\",\"s\",\"s\"\n\"Date\",\"2026/03/04\",\"2026/03/04\",\"2026/03/04\"\n\"Time\",\"10:00:00.000000\",\"10:00:00.000000\",\"10:00:00.000000\"\n", &|_, [_, c, v, _, f]| format!(",{c:.5E},{v:.5E},{f:.5E}"))),
         text("thousandths in a column of their own", "g.csv", of("NO.,Time,ms,CH1,CH2,CH3\nNO.,time,ms,N,rad/s,N", &|i, v| format!("{},2026/03/04 10:00:{:02},{:03},{}", i + 1, i / 100, 10 * (i % 100), [v[1], v[2], v[4]].map(|x| format!("{x:+.5}")).join(",")))),
