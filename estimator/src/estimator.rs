@@ -323,7 +323,8 @@ impl Estimator {
     /// the tool.
     ///
     /// # Errors
-    /// The model has no torque balance, or the log does not tell the state of the friction.
+    /// The model has no torque balance, the log does not tell the state of the friction, or its
+    /// changes are none of a robot.
     pub fn recalibrate(&mut self, free: &[&Sequence]) -> Result<Recalibration, ModelError> {
         let before_n = self.rms_n(free);
         let changes = match &mut self.model {

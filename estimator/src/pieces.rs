@@ -66,6 +66,25 @@ impl Own {
     }
 }
 
+/// What pieces of a sequence have for themselves.
+#[derive(Debug, Clone, Default)]
+pub struct Told {
+    /// By piece, of each motor.
+    pub own: Vec<[Own; 3]>,
+    /// Rows that were taken.
+    pub rows: usize,
+}
+
+impl Told {
+    /// What it adds to what the balance of motor `i` lacks at a settled row.
+    #[must_use]
+    pub fn adds(&self, i: usize, row: usize, step_s: f64, effects: &Effects) -> f64 {
+        let (piece, time_s) = place(row, step_s);
+        let own = self.own.get(piece).or(self.own.last());
+        own.map_or(0.0, |own| own[i].adds(effects, time_s))
+    }
+}
+
 /// How much the pieces of a motor usually differ: variances.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Usual {

@@ -238,7 +238,18 @@ pub struct Change {
     pub deviation: [f64; 4],
 }
 
+/// Changes of friction and of torque per command that a robot may have, shares. Grease and gears
+/// change the friction by some tenths; a sign that is exchanged makes -2 of the torque per command,
+/// a unit a thousandth or a thousand.
+const OF_A_ROBOT: core::ops::Range<f64> = -0.9..2.0;
+
 impl Change {
+    /// Whether a robot may change so. Else a sign, a unit or a column of the log is wrong.
+    #[must_use]
+    pub fn is_of_a_robot(&self) -> bool {
+        OF_A_ROBOT.contains(&self.friction) && OF_A_ROBOT.contains(&self.gain)
+    }
+
     /// What has surely changed, in words: more than three standard deviations. `unit`: that of a
     /// torque at the joint.
     #[must_use]
@@ -454,6 +465,18 @@ mod tests {
             let row = [coulomb[i], coulomb[i], 0.0, 0.0, 0.0, coulomb[i]];
             assert!(found.adds(i, &row).1 > (DRIFT * coulomb[i]).powi(2));
         }
+    }
+
+    #[test]
+    fn changes_that_no_robot_has_are_told_from_large_ones() {
+        let found = |friction: f64, gain: f64| {
+            let mut made = [[0.0; CHANGES]; 3];
+            (made[0][FRICTION], made[0][GAIN]) = (-friction, gain);
+            let change = minute(made, |_| 0.0).of_motor(0, COULOMB[0]);
+            change.is_of_a_robot()
+        };
+        assert!(found(-0.24, 0.0) && found(0.5, 0.06));
+        assert!(!found(-1.2, 0.0) && !found(0.0, -2.0) && !found(8.0, 0.0));
     }
 
     #[test]

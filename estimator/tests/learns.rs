@@ -365,6 +365,14 @@ fn a_recalibration_needs_balances_and_motion() {
     still.input = first.repeat(still.rows());
     let error = physics.recalibrate(&[&still]).unwrap_err().to_string();
     assert!(error.contains("0 s of this log"), "{error}");
+    // Efforts of the other sign.
+    let mut exchanged = changed(7, 31, 62.0, ChangeConfig::default(), 0.0);
+    for row in exchanged.input.chunks_exact_mut(9) {
+        row[6..].iter_mut().for_each(|effort| *effort = -*effort);
+    }
+    let error = physics.recalibrate(&[&exchanged]).unwrap_err().to_string();
+    assert!(error.contains("torque per command"), "{error}");
+    assert_eq!(physics.to_json().unwrap(), before);
 }
 
 #[test]

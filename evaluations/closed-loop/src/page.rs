@@ -5,7 +5,18 @@ use crate::options::Options;
 use crate::table::{Cost, Kinds, HEAD};
 
 /// Why a kind has its result, printed only where it has it.
-const NOTES: [(Kind, Cost, &str); 8] = [
+const NOTES: [(Kind, Cost, &str); 10] = [
+    (
+        Kind::Changing,
+        Cost::Left,
+        "*Friction that changes*: what is found is right for the time of the recorded session and wrong for the others. The report says by how much friction \
+         changed meanwhile ([a longer look](identify.md#on-rigs-with-undeclared-effects)).",
+    ),
+    (
+        Kind::Scatter,
+        Cost::None,
+        "*Scatter* of this size costs the loops little.",
+    ),
     (
         Kind::Backlash,
         Cost::None,

@@ -17,7 +17,6 @@ use estimate::{self, evaluate, load, Data};
 use estimator::data::{Label, Mapping};
 use estimator::estimator::{Estimator, Keep, Kind, NetworkLimits, Training};
 use estimator::model::Progress;
-use estimator::recalibration::Change;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
 use serde_json::json;
@@ -166,26 +165,6 @@ struct Recalibrate {
     mapping: Option<PathBuf>,
 }
 
-/// Changes of friction and of torque per command that no robot has, shares. Grease and gears change
-/// the friction by some tenths; a sign that is exchanged makes -2 of the torque per command, a unit
-/// a thousandth or a thousand.
-const NO_CHANGE: std::ops::Range<f64> = -0.9..2.0;
-
-/// Refuses changes that are none of a robot.
-fn check_changes(changes: &[Change; 3]) -> Result<()> {
-    let is_one = |c: &Change| NO_CHANGE.contains(&c.friction) && NO_CHANGE.contains(&c.gain);
-    match changes.iter().position(|c| !is_one(c)) {
-        None => Ok(()),
-        Some(i) => Err(Failure::usage(format!(
-            "{}: on this log friction would have changed by {:+.0} % and torque per command by {:+.0} %, which is no change of a robot. Check sign, unit and \
-             order of its efforts and velocities, and that nothing touched the tool; nothing was written",
-            JOINTS[i].0,
-            100.0 * changes[i].friction,
-            100.0 * changes[i].gain
-        ))),
-    }
-}
-
 /// Measured force above which a log is not of free motion, N RMS: some times the noise of the load
 /// cells.
 const FREE_N: f64 = 0.2;
@@ -209,7 +188,6 @@ impl Recalibrate {
         data.fit_inputs(&estimator).map_err(Failure::usage)?;
         let free: Vec<&Sequence> = data.sequences.iter().collect();
         let found = estimator.recalibrate(&free).map_err(Failure::usage)?;
-        check_changes(&found.changes)?;
         write_model(&estimator, &self.out)?;
         let written = card
             .recalibrated(sha256(&self.out)?, &data.name)

@@ -10,6 +10,7 @@ pub mod explain;
 pub mod load;
 pub mod pace;
 pub mod pictures;
+mod plausible;
 pub mod report;
 pub mod study;
 

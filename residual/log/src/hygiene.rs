@@ -393,6 +393,16 @@ const FEWEST_COMPARED: usize = 50;
 /// 6.
 const MOVES: f64 = 20.0;
 
+/// The sequences with rows, by the number of their file.
+fn by_file(frame: &Frame) -> BTreeMap<usize, Vec<Range<usize>>> {
+    let mut out: BTreeMap<usize, Vec<Range<usize>>> = BTreeMap::new();
+    for r in frame.sequences().iter().filter(|r| !r.is_empty()) {
+        let file = frame.column("file").map_or(0, |f| f[r.start] as usize);
+        out.entry(file).or_default().push(r.clone());
+    }
+    out
+}
+
 /// Refuses a file whose velocity has one value all the time while its angle moves, or moves back: a
 /// dead channel, which the search would explain by effects that need no velocity.
 ///
@@ -402,12 +412,7 @@ pub fn refuse_dead_velocity(frame: &Frame, files: &[PathBuf]) -> Result<(), Erro
     let (Some(x), Some(v)) = (frame.column("angle"), frame.column("velocity")) else {
         return Ok(());
     };
-    let mut of_file: BTreeMap<usize, Vec<Range<usize>>> = BTreeMap::new();
-    for r in frame.sequences().iter().filter(|r| !r.is_empty()) {
-        let file = frame.column("file").map_or(0, |f| f[r.start] as usize);
-        of_file.entry(file).or_default().push(r.clone());
-    }
-    for (file, parts) in of_file {
+    for (file, parts) in by_file(frame) {
         let first = v[parts[0].start];
         let mut rows = parts.iter().flat_map(Range::clone);
         if !rows.all(|i| v[i] == first)
@@ -488,12 +493,13 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mu
         return;
     };
     let (x, v) = (&values::usual(x), &values::usual(v));
-    let mut of_file: BTreeMap<usize, Slope> = BTreeMap::new();
-    for r in frame.sequences().iter().filter(|r| !r.is_empty()) {
-        let file = frame.column("file").map_or(0, |f| f[r.start] as usize);
-        let slope = of_file.entry(file).or_default();
-        slope.add(frame.time(), v, x, r);
-    }
+    let of_file: BTreeMap<usize, Slope> = (by_file(frame).into_iter())
+        .map(|(file, parts)| {
+            let mut slope = Slope::default();
+            (parts.iter()).for_each(|r| slope.add(frame.time(), v, x, r));
+            (file, slope)
+        })
+        .collect();
     let wrong: Vec<(usize, Slope, f64)> = of_file
         .iter()
         .filter_map(|(file, slope)| Some((*file, *slope, slope.ratio(0.9)?)))

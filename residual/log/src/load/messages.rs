@@ -2,14 +2,14 @@
 //! a table of its own, and all of them one table at the times of the kind that has the target.
 
 use super::cells::{number, Marks};
-use super::text::{large, no_text, open};
+use super::text::{large, no_text, open, OldText};
 use super::{rows, stamps, Note, Table};
 use crate::spec::{Action, Message, Spec};
 use residual_columns::error::Error;
 use residual_columns::format::num;
 use residual_columns::stats;
 use std::collections::BTreeMap;
-use std::io::BufRead;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 /// Rows of one kind.
@@ -99,7 +99,11 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
     let (mut others, mut broken) = (0, 0);
     let mut first_broken = None;
     let drop = spec.hygiene.text == Action::Drop;
-    for (i, line) in open(path)?.split(b'\n').enumerate().skip(input.skip) {
+    for (i, line) in BufReader::new(OldText::new(open(path)?))
+        .split(b'\n')
+        .enumerate()
+        .skip(input.skip)
+    {
         let at = i as u64 + 1;
         let line = line.map_err(|e| Error::io(path, format!("line {at}: {e}")))?;
         let line = match std::str::from_utf8(&line) {

@@ -162,7 +162,7 @@ impl<R: Read> Read for Blanks<R> {
 
 /// Gives bytes that are no UTF-8 as the letters that they are in the old code of Windows, in which
 /// each is one: a `µ` of a unit, a blank between thousands. 0xFF is in no text, and stays.
-struct OldText<R> {
+pub(super) struct OldText<R> {
     inner: R,
     /// What has been read, but for what was given out.
     text: Vec<u8>,
@@ -172,8 +172,16 @@ struct OldText<R> {
     begun: Vec<u8>,
 }
 
+/// Such bytes as text; what is in no text is one character for all.
+pub(super) fn decoded(bytes: &[u8]) -> String {
+    let mut text = Vec::with_capacity(bytes.len());
+    // A slice has no errors of reading.
+    let _ = OldText::new(bytes).read_to_end(&mut text);
+    String::from_utf8_lossy(&text).into_owned()
+}
+
 impl<R: Read> OldText<R> {
-    fn new(inner: R) -> Self {
+    pub(super) fn new(inner: R) -> Self {
         Self {
             inner,
             text: Vec::new(),

@@ -666,11 +666,8 @@ fn head(path: &Path) -> Result<(String, bool), Error> {
     if bytes.len() as u64 == LOOK {
         bytes.truncate(bytes.iter().rposition(|b| *b == b'\n').unwrap_or(0));
     }
-    let (head, is_utf8) = match std::str::from_utf8(&bytes) {
-        Ok(text) => (text.to_string(), true),
-        // Damaged bytes among text of another code are rare in a head.
-        Err(_) => (bytes.iter().map(|b| char::from(*b)).collect(), false),
-    };
+    let is_utf8 = std::str::from_utf8(&bytes).is_ok();
+    let head = text::decoded(&bytes);
     Ok((head.trim_start_matches('\u{feff}').to_string(), is_utf8))
 }
 

@@ -1,0 +1,265 @@
+//! The physical model on a stream: what each balance lacks, and the force that explains it.
+
+use super::{
+    dot, friction, regressors, settle_rows, sums_of_pieces, Physics, EVERY, MEMORY_S, REGRESSORS,
+};
+use crate::misfit::{Misfit, TIMES};
+use crate::model::{Fit, Stepper};
+use crate::motion::{Moment, Motion, LONGEST_GAP_S};
+use crate::pieces::Told;
+use crate::recalibration::{effects, Effects, FRICTION as FRICTION_OF};
+use crate::sequence::Sequence;
+use crate::wander::Wander;
+use nalgebra::{Matrix3, Vector3};
+
+impl Physics {
+    fn wander(&self) -> Option<Wander> {
+        let sizes = self.found.as_ref()?.wander(self.coulomb)?;
+        let force = Matrix3::from_fn(|i, j| self.prior[i][j]).try_inverse()?;
+        let noise = core::array::from_fn(|i| self.noise[i].deviation());
+        Some(Wander::new(
+            &force,
+            self.rate_per_s,
+            sizes,
+            noise,
+            self.step_s,
+        ))
+    }
+
+    fn misfit(&self) -> Misfit {
+        let force = Matrix3::from_fn(|i, j| self.prior[i][j]).try_inverse();
+        let force = force.unwrap_or_else(Matrix3::identity);
+        let noise = core::array::from_fn(|i| self.noise[i].deviation());
+        Misfit::new(self.coulomb, &force, self.rate_per_s, noise, self.step_s)
+    }
+
+    /// An observer that knows what has changed of the robot in this sequence: its measured force
+    /// has told. See [`Model::told_stepper`].
+    #[must_use]
+    pub fn told_observer(&self, sequence: &Sequence) -> Option<Observer<'_>> {
+        let differs = self.differs.as_ref()?;
+        let sums = sums_of_pieces(&self.base, self.coulomb, &self.motors, EVERY, &[sequence]);
+        let mut own = Vec::new();
+        for piece in sums.into_iter().flatten() {
+            let mut motors = Vec::with_capacity(3);
+            for (i, mut sums) in piece.into_iter().enumerate() {
+                sums.take_out(REGRESSORS, &differs[i].mean);
+                motors.push(differs[i].usual.own(
+                    &mut sums,
+                    REGRESSORS,
+                    EVERY as f64 * self.step_s,
+                )?);
+            }
+            own.push(motors.try_into().ok()?);
+        }
+        let told = Told { own, rows: 0 };
+        Some(Observer {
+            told: Some(told),
+            ..self.observer()
+        })
+    }
+
+    /// An observer.
+    #[must_use]
+    pub fn observer(&self) -> Observer<'_> {
+        Observer {
+            model: self,
+            motion: Motion::with_friction(self.step_s, self.coulomb),
+            keep: (-self.step_s / MEMORY_S).exp(),
+            steps: 1.0,
+            information: Matrix3::zeros(),
+            evidence: Vector3::zeros(),
+            row: Vec::with_capacity(REGRESSORS),
+            seen: Seen::default(),
+            told: None,
+            misfit: self.misfit(),
+            wander: self.wander().map(Box::new),
+        }
+    }
+}
+
+/// What the observer knows at a row.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Seen {
+    /// Force on the tool, N.
+    pub force: Vector3<f64>,
+    /// What each motor's balance lacks: contact at the motors, in the joints' units.
+    pub contact: [f64; 3],
+    /// Standard deviation of each balance.
+    pub deviation: [f64; 3],
+    /// Levers: contact at the motors per force.
+    pub levers: Matrix3<f64>,
+    /// Standard deviation of the components by the weights, N.
+    pub spread: Vector3<f64>,
+    /// What changes of a robot would add to the balances.
+    pub(super) effects: [Effects; 3],
+    /// Standard deviation of the components by what a recalibration has left unknown, N.
+    pub unsure: Vector3<f64>,
+    /// See [`Misfit`]; 0 before a row told.
+    pub misfit: [f64; TIMES],
+}
+
+/// The model on a stream.
+#[derive(Debug, Clone)]
+pub struct Observer<'a> {
+    model: &'a Physics,
+    motion: Motion,
+    keep: f64,
+    /// Rows from the last one to the next, more than one over a gap.
+    steps: f64,
+    information: Matrix3<f64>,
+    evidence: Vector3<f64>,
+    row: Vec<f64>,
+    seen: Seen,
+    misfit: Misfit,
+    /// What a measured force has told of the changes of the robot.
+    told: Option<Told>,
+    /// Torques that come and go, where a recalibration has found one.
+    wander: Option<Box<Wander>>,
+}
+
+impl Observer<'_> {
+    /// Takes a row of inputs.
+    pub fn take(&mut self, input: &[f32]) -> (&Moment, &Seen) {
+        let moment = self.motion.step(input);
+        let levers = self.model.base.at_motors(moment.joints);
+        let (mut information, mut evidence) = (Matrix3::zeros(), Vector3::zeros());
+        let (mut contacts, mut variances, mut uncertain) =
+            (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        for i in 0..3 {
+            let motor = &self.model.motors[i];
+            regressors(moment, i, self.model.coulomb[i], &mut self.row);
+            let mut contact = motor.value(0, &self.row) - moment.torque[i];
+            // Where a start or a gap has left the friction's state unknown, the motor tells little.
+            let unknown = self.model.coulomb[i] * moment.unknown_at(i);
+            let mut variance =
+                self.model.noise[i].variance(moment.rate[i].abs()) + unknown * unknown;
+            let friction = friction(motor.weights(0), &self.row);
+            self.seen.effects[i] = effects(moment, i, self.model.coulomb[i], friction);
+            if let Some(differs) = &self.model.differs {
+                contact -= dot(&differs[i].mean, &self.seen.effects[i]);
+            }
+            if let Some(found) = &self.model.found {
+                let (adds, more) = found.adds(i, &self.seen.effects[i]);
+                contact -= adds;
+                variance += more;
+                uncertain[i] = more;
+            }
+            if let Some(told) = &self.told {
+                let row = told.rows.saturating_sub(settle_rows(self.model.step_s));
+                contact -= told.adds(i, row, self.model.step_s, &self.seen.effects[i]);
+            }
+            self.seen.contact[i] = contact;
+            self.seen.deviation[i] = variance.sqrt();
+            if let (Some(differs), None, None) =
+                (&self.model.differs, &self.model.found, &self.told)
+            {
+                variance += differs[i].usual.variance(&self.seen.effects[i]);
+            }
+            let lever = levers.row(i).transpose();
+            information += lever * lever.transpose() / variance;
+            evidence += lever * (contact / variance);
+            contacts[i] = contact;
+            variances[i] = variance;
+        }
+        let mut slow = Matrix3::from_diagonal(&uncertain);
+        let mut unsure = variances;
+        if let Some(wander) = &mut self.wander {
+            wander.step(
+                &contacts,
+                &variances,
+                &levers,
+                self.steps * self.model.step_s,
+            );
+            let (torques, covariance) = wander.torques();
+            contacts -= torques;
+            evidence -= levers.transpose() * torques.component_div(&variances);
+            self.seen.contact = contacts.into();
+            slow += covariance;
+            unsure += covariance.diagonal();
+        }
+        let prior = Matrix3::from_fn(|i, j| self.model.prior[i][j]);
+        if moment.friction_known() {
+            let elapsed_s = self.steps * self.model.step_s;
+            let friction = Vector3::from_fn(|i, _| self.seen.effects[i][FRICTION_OF]);
+            self.seen.misfit =
+                (self.misfit).step(&contacts, &unsure, &levers, &prior, &friction, elapsed_s);
+        }
+        let keep = if self.steps == 1.0 {
+            self.keep
+        } else {
+            self.keep.powf(self.steps)
+        };
+        if let Some(told) = &mut self.told {
+            told.rows += 1;
+        }
+        self.steps = 1.0;
+        let fresh = 1.0 - keep;
+        self.information = self.information * keep + information * fresh;
+        self.evidence = self.evidence * keep + evidence * fresh;
+        // Positive definite: the prior is.
+        if let Some(covariance) = (self.information + prior).try_inverse() {
+            self.seen.force = covariance * self.evidence;
+            self.seen.spread = covariance.diagonal().map(|v| v.max(0.0).sqrt());
+            // How the force follows the balances while they stay as they are.
+            let follows = covariance
+                * levers.transpose()
+                * Matrix3::from_diagonal(&variances.map(|v| 1.0 / v));
+            let covariance = follows * slow * follows.transpose();
+            self.seen.unsure = covariance.diagonal().map(|v| v.max(0.0).sqrt());
+        }
+        self.seen.levers = levers;
+        (moment, &self.seen)
+    }
+
+    /// Forgets the past.
+    pub fn forget(&mut self) {
+        self.motion.reset();
+        self.steps = 1.0;
+        self.information = Matrix3::zeros();
+        self.evidence = Vector3::zeros();
+        self.misfit.forget();
+        if let Some(wander) = &mut self.wander {
+            wander.forget();
+        }
+        self.seen.misfit = [0.0; TIMES];
+    }
+
+    /// The next row comes `elapsed_s` after the one before it: rows are missing between them.
+    pub fn miss(&mut self, elapsed_s: f64) {
+        if let Some(told) = &mut self.told {
+            told.rows += ((elapsed_s / self.model.step_s).round() as usize).saturating_sub(1);
+        }
+        if elapsed_s > LONGEST_GAP_S {
+            self.forget();
+        } else {
+            self.motion.gap(elapsed_s);
+            self.steps = (elapsed_s / self.model.step_s).max(1.0);
+        }
+    }
+}
+
+impl Stepper for Observer<'_> {
+    fn step(&mut self, input: &[f32], force: &mut [f32]) {
+        let axes = &self.model.axes;
+        let (_, seen) = self.take(input);
+        for (out, axis) in force.iter_mut().zip(axes) {
+            *out = seen.force[*axis] as f32;
+        }
+    }
+
+    fn fit(&self) -> Option<Fit> {
+        Some(Fit {
+            misfit: self.seen.misfit,
+            unsure_n: self.seen.unsure.into(),
+        })
+    }
+
+    fn reset(&mut self) {
+        self.forget();
+    }
+
+    fn gap(&mut self, elapsed_s: f64) {
+        self.miss(elapsed_s);
+    }
+}
