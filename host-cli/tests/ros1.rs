@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Instant;
 
-#[path = "../../robot/tests/common/ros.rs"]
+#[path = "../../robot/ros/tests/common/mod.rs"]
 mod ros;
 
 /// A robot that moves its first joint and its tip by its own clock: 200 states a second.

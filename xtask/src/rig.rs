@@ -64,6 +64,13 @@ pub const EMULATED: [&str; 6] = [
     "features",
 ];
 
+/// Features with robots on ROS, which no program has by default. What the selection of [`cargo`]
+/// compiles anyhow keeps its features (tests/features/Cargo.toml).
+pub const ROS: [&str; 2] = [
+    "robot-ros/ros1,host-cli/ros1",
+    "robot-ros/ros2,host-cli/ros2",
+];
+
 /// A cargo command whose packages the caller names.
 pub fn cargo_for(workspace: &Workspace, subcommand: &str) -> Command {
     let mut cargo = process::cargo(Sees::CompilerAndFlags);
@@ -367,6 +374,14 @@ mod tests {
         let tests = [&whole[..], &["--features=estimator/networks"]].concat();
         let all = compiled("normal,build,dev", &tests);
         assert!(all.len() > 100);
+        // With ROS, what the whole workspace has as well has the same features.
+        let features = ROS.map(|feature| format!("--features={feature}"));
+        let ros: Vec<&str> = (tests.iter().copied())
+            .chain(features.iter().map(String::as_str))
+            .collect();
+        let ros = compiled("normal,build,dev", &ros);
+        let lost: Vec<_> = all.difference(&ros).collect();
+        assert!(lost.is_empty(), "with ROS: {lost:#?}");
         // `cargo tree` knows no programs.
         let light = LIGHT_BUILD.split(|word| word.starts_with("--bin")).next();
         for (edges, selection) in [

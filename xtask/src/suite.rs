@@ -504,10 +504,7 @@ fn ros1(suite: &mut Suite) -> Result<Outcome> {
             "{missing} is not installed (Debian: python3-rosmaster, python3-rostopic, python3-rosbag, python3-rospy, python3-sensor-msgs)"
         )));
     }
-    let mut command = rig::cargo_for(suite.workspace, "test");
-    command.args(["--package", "robot", "--package", "host-cli"]);
-    command.args(["--features", "ros1", "--test", "ros1"]);
-    suite.tests(&mut command)
+    robot_on_ros(suite, rig::ROS[0], "ros1")
 }
 
 fn ros2(suite: &mut Suite) -> Result<Outcome> {
@@ -521,8 +518,16 @@ fn ros2(suite: &mut Suite) -> Result<Outcome> {
             "{python} has no cyclonedds (pip install cyclonedds; ROS2_TEST_PYTHON names another Python)"
         )));
     }
-    let mut command = rig::cargo_for(suite.workspace, "test");
-    command.args(["--package", "robot", "--features", "ros2", "--test", "ros2"]);
+    robot_on_ros(suite, rig::ROS[1], "ros2")
+}
+
+/// The selection of `host`, so that robot-ros, experiment and forcectl alone compile again.
+fn robot_on_ros(suite: &mut Suite, features: &str, test: &str) -> Result<Outcome> {
+    let mut command = rig::cargo(suite.workspace, "test");
+    command
+        .args(NO_IMAGE)
+        .args(NETWORKS)
+        .args(["--features", features, "--test", test]);
     suite.tests(&mut command)
 }
 

@@ -175,17 +175,16 @@ impl CoreRig {
     /// Everything that is due by `end` happens, in order.
     fn run_to(&mut self, end: u64) {
         loop {
-            let next = [
-                self.board.next_event(),
-                self.sensors.due(),
-                self.superloop.due(),
-                Some(self.next_tick_ns),
-            ];
-            let Some(at) = next.into_iter().flatten().min().filter(|at| *at <= end) else {
+            let or_never = |time: Option<u64>| time.unwrap_or(u64::MAX);
+            let next = (self.next_tick_ns)
+                .min(or_never(self.board.next_event()))
+                .min(or_never(self.sensors.due()))
+                .min(or_never(self.superloop.due()));
+            if next > end {
                 break;
-            };
+            }
             // What was due before belongs to now: time never runs back.
-            let at = at.max(self.now_ns);
+            let at = next.max(self.now_ns);
             self.now_ns = at;
             self.board.advance(at);
             self.sensors.edges(&mut self.board, at);

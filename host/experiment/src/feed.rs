@@ -52,7 +52,7 @@ impl Feed {
         tamper: Option<Tamper>,
     ) -> Result<Self, SourceError> {
         let SourceConfig::Virtual(config) = config else {
-            return Ok(Self::Outside(robot::source::open(config)?));
+            return Ok(Self::Outside(robot_ros::open(config)?));
         };
         let Some(arm) = link.controls().and_then(|controls| controls.arm()) else {
             return Err(SourceError::Config {

@@ -5,6 +5,7 @@ pub mod dates;
 pub mod error;
 pub mod expr;
 pub mod format;
+pub mod fourier;
 pub mod frame;
 pub mod layout;
 pub mod linalg;

@@ -2,8 +2,8 @@
 
 use super::Context;
 use rayon::prelude::*;
+use residual_columns::fourier::{Complex, Fft, Planner};
 use residual_fit::problem::Problem;
-use rustfft::{num_complex::Complex, Fft, FftPlanner};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -166,7 +166,7 @@ impl<'a> Cells<'a> {
             runs,
             span,
             width: (1.0 / (4.0 * highest)).max(span / cells as f64),
-            fft: FftPlanner::new().plan_fft_forward(cells * 2),
+            fft: Planner::default().forward(cells * 2),
         })
     }
 

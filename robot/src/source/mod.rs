@@ -3,12 +3,12 @@
 //! | `kind` | what it is | file |
 //! | --- | --- | --- |
 //! | `virtual` | the virtual arm of the fast rig; whoever runs the rig feeds its states | `fed.rs` |
-//! | `crtk-ros1` | a robot with CRTK topics, or the Raven's `ravenstate`, over ROS 1 (feature `ros1`) | `ros1/` |
-//! | `crtk-ros2` | a robot with CRTK topics over ROS 2 (feature `ros2`) | `ros2/` |
+//! | `crtk-ros1` | a robot with CRTK topics, or the Raven's `ravenstate`, over ROS 1 | package `robot-ros` |
+//! | `crtk-ros2` | a robot with CRTK topics over ROS 2 | package `robot-ros` |
 //! | `udp` | JSON datagrams | `udp.rs` |
 //! | `static` | a clamped tip | `fixed.rs` |
 //!
-//! `geometry.rs` and `intake.rs` are what both ROS sources have in common.
+//! `robot-ros` also opens the source that a configuration names.
 //!
 //! Every source passes its states through a [`Watch`]: what comes out of [`Source::poll`] can be
 //! used, and what is not in order comes out as an [`Event`]. A caller that gets an event that
@@ -25,21 +25,13 @@
 
 mod fed;
 mod fixed;
-#[cfg(any(feature = "ros1", feature = "ros2"))]
-mod geometry;
-#[cfg(any(feature = "ros1", feature = "ros2"))]
-mod intake;
-#[cfg(feature = "ros1")]
-pub mod ros1;
-#[cfg(feature = "ros2")]
-pub mod ros2;
 mod udp;
 
 pub use fed::Fed;
 pub use fixed::Fixed;
 pub use udp::Udp;
 
-use crate::crtk::{frame_of_force, AdapterConfig, TopicNames, Topics};
+use crate::crtk::{AdapterConfig, TopicNames, Topics};
 use crate::state::{
     Clock, Frame, Mount, OperatingState, RobotState, Stamp, StateError, TipForce, TipState,
 };
@@ -166,13 +158,6 @@ pub struct Estimate {
     /// Stamp of the state from which it is estimated: the instant that it is about, not that of its
     /// computation.
     pub stamp: Stamp,
-}
-
-/// A stamp as a time since 1970. CRTK marks data with a stamp of 0 as invalid: a time before that
-/// is one.
-#[cfg(any(feature = "ros1", feature = "ros2"))]
-fn since_1970(t_ns: i64) -> std::time::Duration {
-    std::time::Duration::from_nanos(u64::try_from(t_ns).unwrap_or(0))
 }
 
 /// Why a source can't be opened or has gone.
@@ -402,25 +387,6 @@ impl Ros2Config {
     }
 }
 
-/// Namespace of the rig as a CRTK device: the one below which its forces are, less their frame.
-#[cfg_attr(not(any(feature = "ros1", feature = "ros2")), allow(dead_code))]
-fn device(publish: &str) -> &str {
-    match publish.rsplit_once('/') {
-        Some((device, "spatial" | "body" | "local")) => device,
-        _ => publish,
-    }
-}
-
-/// The adapter of a robot with these topics.
-#[cfg_attr(not(any(feature = "ros1", feature = "ros2")), allow(dead_code))]
-fn adapter_for(config: &AdapterConfig, topics: &Topics) -> AdapterConfig {
-    let by_name = || frame_of_force(&topics.measured_cf, &config.frame);
-    AdapterConfig {
-        force_frame: Some(config.force_frame.clone().unwrap_or_else(by_name)),
-        ..config.clone()
-    }
-}
-
 /// JSON datagrams: see [`Udp`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -458,49 +424,10 @@ pub struct StaticConfig {
     pub position_m: [f64; 3],
 }
 
-/// Opens what `[robot]` names.
-///
-/// # Errors
-/// [`SourceError`] with the key or what to do.
-pub fn open(config: &SourceConfig) -> Result<Box<dyn Source>, SourceError> {
-    match config {
-        SourceConfig::Virtual(c) => Ok(Box::new(Fed::new("virtual arm", c.watch.clone()))),
-        SourceConfig::Udp(c) => Ok(Box::new(Udp::listen(c)?)),
-        SourceConfig::Static(c) => Ok(Box::new(Fixed::new(c)?)),
-        SourceConfig::CrtkRos1(c) => open_ros1(c),
-        SourceConfig::CrtkRos2(c) => open_ros2(c),
-    }
-}
-
-#[cfg(feature = "ros2")]
-fn open_ros2(config: &Ros2Config) -> Result<Box<dyn Source>, SourceError> {
-    Ok(Box::new(ros2::Ros2::open(config)?))
-}
-
-#[cfg(not(feature = "ros2"))]
-fn open_ros2(_: &Ros2Config) -> Result<Box<dyn Source>, SourceError> {
-    Err(SourceError::NotBuilt {
-        kind: "crtk-ros2",
-        how: "build with `--features ros2`",
-    })
-}
-
-#[cfg(feature = "ros1")]
-fn open_ros1(config: &Ros1Config) -> Result<Box<dyn Source>, SourceError> {
-    Ok(Box::new(ros1::Ros1::open(config)?))
-}
-
-#[cfg(not(feature = "ros1"))]
-fn open_ros1(_: &Ros1Config) -> Result<Box<dyn Source>, SourceError> {
-    Err(SourceError::NotBuilt {
-        kind: "crtk-ros1",
-        how: "build with `--features ros1`",
-    })
-}
-
 /// When a message came that a thread of a source took at `came`: on the caller's clock, which
 /// showed `now_ns` at `polled`.
-fn arrival(now_ns: i64, polled: std::time::Instant, came: std::time::Instant) -> Stamp {
+#[must_use]
+pub fn arrival(now_ns: i64, polled: std::time::Instant, came: std::time::Instant) -> Stamp {
     let ago = polled.saturating_duration_since(came).as_nanos();
     Stamp {
         clock: Clock::HostMonotonic,
@@ -510,7 +437,8 @@ fn arrival(now_ns: i64, polled: std::time::Instant, came: std::time::Instant) ->
 
 /// Puts what a source received through its watch: good states in the rig's frame, events for the
 /// rest.
-fn sift(
+#[must_use]
+pub fn sift(
     received: Vec<Result<RobotState, StateError>>,
     watch: &mut Watch,
     mount: &Mount,

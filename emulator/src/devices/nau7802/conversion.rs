@@ -78,14 +78,13 @@ impl Nau7802 {
         if !self.plugged {
             return None;
         }
-        [
-            self.ready_at,
-            self.calibrating.map(|(at, _)| at),
-            self.next_conversion.map(ceil),
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+        // Six chips are asked at each step of a rig. An array of `Option`s, flattened, went through
+        // memory: a tenth of a fast rig's time (`perf annotate`).
+        let or_never = |time: Option<u64>| time.unwrap_or(u64::MAX);
+        let next = or_never(self.ready_at)
+            .min(or_never(self.calibrating.map(|(at, _)| at)))
+            .min(or_never(self.next_conversion.map(ceil)));
+        (next < u64::MAX).then_some(next)
     }
 
     /// Does what is due at `t_ns`. `bridge(end_ns, period_ns)` is the filtered bridge signal in V/V

@@ -8,7 +8,7 @@ use estimator::estimator::Estimator;
 use estimator::motion::INPUTS;
 use estimator::stream::Sure;
 use nalgebra::Vector3;
-use robot::source::{self, Estimate, Source, SourceConfig};
+use robot::source::{Estimate, Source, SourceConfig};
 use robot::state::{Acts, Frame, Meaning, RobotState, Stamp, TipForce};
 use std::path::Path;
 use std::time::Instant;
@@ -50,7 +50,7 @@ impl<'a> Robot<'a> {
         if !any {
             check_name(estimator, config.robot(), file)?;
         }
-        let source = source::open(&config).map_err(|error| Failure::new(exit::LINK, error))?;
+        let source = robot_ros::open(&config).map_err(|error| Failure::new(exit::LINK, error))?;
         Ok(Self::of(estimator, source))
     }
 
@@ -263,7 +263,7 @@ mod tests {
         }
     }
 
-    /// What goes out over ROS 1 and ROS 2: `robot/tests/ros1.rs` and `ros2.rs` have the topics.
+    /// What goes out over ROS 1 and ROS 2: `robot/ros/tests/ros1.rs` and `ros2.rs` have the topics.
     #[test]
     fn what_is_not_valid_is_not_published_and_the_stamp_is_the_states() {
         let training = Training {

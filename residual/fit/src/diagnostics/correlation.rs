@@ -1,15 +1,15 @@
 //! Autocorrelation over sequences, and the correlation time from it.
 
 use crate::problem::Problem;
+use residual_columns::fourier::{Complex, Planner};
 use residual_columns::frame::Frame;
 use residual_columns::stats::{deviation, mean};
-use rustfft::{num_complex::Complex, FftPlanner};
 
 /// Autocorrelation of `x` at lags 0..=`lags` over the sequences, mean removed overall.
 pub fn autocorrelation(x: &[f64], frame: &Frame, lags: usize) -> Vec<f64> {
     let m = mean(x);
     let mut out = vec![0.0; lags + 1];
-    let mut planner = FftPlanner::<f64>::new();
+    let mut planner = Planner::default();
     for r in frame.sequences() {
         // By the transform of the power spectrum, with zeros after the rows so that nothing wraps.
         let s = &x[r.clone()];
@@ -17,10 +17,10 @@ pub fn autocorrelation(x: &[f64], frame: &Frame, lags: usize) -> Vec<f64> {
         let n = (s.len() + reach).next_power_of_two();
         let mut z = vec![Complex::new(0.0, 0.0); n];
         z.iter_mut().zip(s).for_each(|(z, x)| z.re = x - m);
-        planner.plan_fft_forward(n).process(&mut z);
+        planner.forward(n).process(&mut z);
         z.iter_mut()
             .for_each(|z| *z = Complex::new(z.norm_sqr() / n as f64, 0.0));
-        planner.plan_fft_inverse(n).process(&mut z);
+        planner.inverse(n).process(&mut z);
         out.iter_mut()
             .zip(&z)
             .take(reach + 1)

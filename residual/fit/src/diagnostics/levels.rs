@@ -6,9 +6,9 @@
 //! made from random phases, so the two are independent without levels, and Fisher's method
 //! combines them.
 
+use residual_columns::fourier::{Complex, Planner};
 use residual_columns::frame::Frame;
 use residual_columns::stats::{self, Rng};
-use rustfft::{num_complex::Complex, FftPlanner};
 use std::ops::Range;
 
 /// p value of both together from which on they count. An analysis asks once.
@@ -71,7 +71,7 @@ pub fn levels(r: &[f64], frame: &Frame, share: f64) -> Option<Levels> {
 
 /// The band that has surely more power than all lines below it; its p value counts all bands.
 fn hump(sequences: &[&[f64]]) -> Option<Levels> {
-    let mut planner = FftPlanner::new();
+    let mut planner = Planner::default();
     let mut lines = Vec::new();
     let mut count = 0;
     for s in sequences.iter().filter(|s| s.len() >= FEWEST) {
@@ -131,7 +131,7 @@ fn flatness(sequences: &[&[f64]], from: f64) -> Option<f64> {
     if cells.is_empty() {
         return None;
     }
-    let mut planner = FftPlanner::new();
+    let mut planner = Planner::default();
     let spectra: Vec<Vec<Complex<f64>>> = cells.iter().map(|c| spectrum(&mut planner, c)).collect();
     let mut rng = Rng::new(count as u64);
     let noises: Vec<[f64; WINDOWS.len()]> = (0..NOISES)
@@ -192,15 +192,15 @@ fn flat(cells: &[Vec<f64>]) -> [f64; WINDOWS.len()] {
 }
 
 /// All lines of a sequence less its mean.
-fn spectrum(planner: &mut FftPlanner<f64>, s: &[f64]) -> Vec<Complex<f64>> {
+fn spectrum(planner: &mut Planner, s: &[f64]) -> Vec<Complex<f64>> {
     let m = stats::mean(s);
     let mut z: Vec<Complex<f64>> = s.iter().map(|x| Complex::new(x - m, 0.0)).collect();
-    planner.plan_fft_forward(z.len()).process(&mut z);
+    planner.forward(z.len()).process(&mut z);
     z
 }
 
 /// Normal noise with these powers.
-fn with_phases(planner: &mut FftPlanner<f64>, s: &[Complex<f64>], rng: &mut Rng) -> Vec<f64> {
+fn with_phases(planner: &mut Planner, s: &[Complex<f64>], rng: &mut Rng) -> Vec<f64> {
     let n = s.len();
     let mut z = vec![Complex::new(0.0, 0.0); n];
     for k in 1..n.div_ceil(2) {
@@ -211,7 +211,7 @@ fn with_phases(planner: &mut FftPlanner<f64>, s: &[Complex<f64>], rng: &mut Rng)
     if n.is_multiple_of(2) {
         z[n / 2] = s[n / 2] * rng.sign();
     }
-    planner.plan_fft_inverse(n).process(&mut z);
+    planner.inverse(n).process(&mut z);
     z.iter().map(|z| z.re / n as f64).collect()
 }
 

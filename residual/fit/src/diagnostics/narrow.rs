@@ -3,9 +3,9 @@
 
 use super::colour::Colour;
 use super::imitations::Imitations;
+use residual_columns::fourier::{Complex, Planner};
 use residual_columns::frame::Frame;
 use residual_columns::stats::{self, Rng};
-use rustfft::{num_complex::Complex, FftPlanner};
 
 /// Rows of the stretches.
 const WIDTHS: [usize; 3] = [64, 128, 256];
@@ -75,8 +75,8 @@ pub(super) fn narrow(
 /// Mean share of the largest peak in the power of a stretch, and where the peaks are in cycles per
 /// row.
 fn peaks(e: &[f64], frame: &Frame, width: usize) -> Option<(f64, Vec<f64>)> {
-    let mut planner = FftPlanner::<f64>::new();
-    let fft = planner.plan_fft_forward(width);
+    let mut planner = Planner::default();
+    let fft = planner.forward(width);
     let window: Vec<f64> = (0..width)
         .map(|i| {
             let x = std::f64::consts::PI * (i as f64 + 0.5) / width as f64;

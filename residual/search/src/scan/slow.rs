@@ -7,9 +7,9 @@
 
 use super::between::{means_of, mostly_between, FEWEST_MEANS};
 use super::Scan;
+use residual_columns::fourier::{Complex, Planner};
 use residual_columns::stats;
 use residual_effects::Variant;
-use rustfft::{num_complex::Complex, FftPlanner};
 use std::ops::Range;
 
 /// Cells into which the longest sequence is cut, about: slow forms need no more.
@@ -73,7 +73,7 @@ fn p_value(residual: &[f64], added: &[f64], rows: &[Range<usize>]) -> Option<f64
         return None;
     }
     let after: Vec<f64> = residual.iter().zip(added).map(|(r, a)| r - a).collect();
-    let mut planner = FftPlanner::new();
+    let mut planner = Planner::default();
     let mut spectra = |u: &[f64]| -> Vec<Vec<f64>> {
         long.iter()
             .map(|r| power(&mut planner, &u[r.clone()], per_cell))
@@ -123,10 +123,10 @@ fn means(u: &[f64], rows: usize) -> impl Iterator<Item = f64> + '_ {
 
 /// Power of a sequence over its cells, at 0 to half a cycle per cell: the squared amplitude over
 /// the number of cells.
-fn power(planner: &mut FftPlanner<f64>, u: &[f64], per_cell: usize) -> Vec<f64> {
+fn power(planner: &mut Planner, u: &[f64], per_cell: usize) -> Vec<f64> {
     let mut buffer: Vec<Complex<f64>> = means(u, per_cell).map(|m| Complex::new(m, 0.0)).collect();
     let n = buffer.len();
-    planner.plan_fft_forward(n).process(&mut buffer);
+    planner.forward(n).process(&mut buffer);
     buffer[..=n / 2]
         .iter()
         .map(|z| z.norm_sqr() / n as f64)

@@ -1,22 +1,21 @@
 //! The ROS 1 source against Debian's own rosmaster, rostopic and rosbag: no double of ours in
 //! between.
 //!
-//! `cargo test -p robot --features ros1 --test ros1`. Where the tools are not installed the test
-//! says so and does nothing; `apt-get install python3-rosnode python3-rostopic python3-rosbag
+//! `cargo test -p robot-ros --features ros1 --test ros1`. Where the tools are not installed the
+//! test says so and does nothing; `apt-get install python3-rosnode python3-rostopic python3-rosbag
 //! python3-rosmaster python3-geometry-msgs python3-sensor-msgs` installs them. The test with the
 //! real client of CRTK also needs what docs/robot.md says.
 #![cfg(feature = "ros1")]
 
 use common::{ros, Process, Ros, PATIENCE};
 use robot::crtk::AdapterConfig;
-use robot::source::ros1::Ros1;
 use robot::source::{Estimate, Poll, Ros1Config, Source};
 use robot::state::{Acts, Clock, Frame, Meaning, Stamp, TipForce};
 use robot::watch::{Event, WatchConfig};
+use robot_ros::ros1::Ros1;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-#[path = "common/ros.rs"]
 mod common;
 
 /// A source, polled on the host's clock, with everything that came so far.

@@ -1,6 +1,6 @@
 //! Parts of geometry_msgs that ROS 1 and ROS 2 have in common, as they are on the wire.
 
-use crate::crtk;
+use robot::crtk;
 use serde::{Deserialize, Serialize};
 
 /// geometry_msgs/Vector3 and Point.

@@ -15,11 +15,11 @@
 
 mod messages;
 
-use super::intake::{Incoming, Intake, Outlet};
-use super::{adapter_for, device, since_1970, Estimate, Poll, Ros2Config, Source, SourceError};
-use crate::crtk::{self, Topic};
-use crate::state::{Operating, OperatingState, TipForce};
+use crate::intake::{adapter_for, device, since_1970, Incoming, Intake, Outlet};
 use messages as m;
+use robot::crtk::{self, Topic};
+use robot::source::{Estimate, Poll, Ros2Config, Source, SourceError};
+use robot::state::{Operating, OperatingState, TipForce};
 use ros2_client::qos::{Durability, History, Reliability, WhenFull};
 use ros2_client::{
     Context, ContextOptions, Message, MessageTypeName, Name, Node, NodeName, NodeOptions,

@@ -1,8 +1,8 @@
 //! The ROS 2 messages that are used, as they are on the wire (CDR). Names and fields are those of
 //! std_msgs, geometry_msgs, sensor_msgs and crtk_msgs; the definitions are their public interface.
 
-use super::super::geometry::{Pair, Pose};
-use crate::crtk;
+use crate::geometry::{Pair, Pose};
+use robot::crtk;
 use ros2_client::Message;
 use serde::{Deserialize, Serialize};
 

@@ -1,15 +1,15 @@
 //! The ROS 2 source against another DDS, `cyclonedds` of PyPI: no double of ours in between.
 //!
-//! `cargo test -p robot --features ros2 --test ros2`, with the environment variable
+//! `cargo test -p robot-ros --features ros2 --test ros2`, with the environment variable
 //! ROS2_TEST_PYTHON naming a Python that has cyclonedds (`python3` where it is not set). Without it
 //! the test says so and does nothing.
 #![cfg(feature = "ros2")]
 
 use robot::crtk::{AdapterConfig, Robot};
-use robot::source::ros2::Ros2;
 use robot::source::{Estimate, Poll, Ros2Config, Source};
 use robot::state::{Acts, Clock, Frame, Meaning, Operating, OperatingState, Stamp, TipForce};
 use robot::watch::{Event, Unfit, WatchConfig};
+use robot_ros::ros2::Ros2;
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};

@@ -2,7 +2,7 @@
 //! of std_msgs, geometry_msgs, sensor_msgs, crtk_msgs and raven_2; the definitions are their public
 //! interface.
 
-pub use super::super::geometry::{Pair, Pose};
+pub use crate::geometry::{Pair, Pose};
 use roslibrust::{MessageDescriptor, RosMessageType};
 use serde::{Deserialize, Serialize};
 

@@ -1,17 +1,17 @@
 //! What a ROS client's thread brings, and how it becomes a [`Poll`]: the same for ROS 1 and ROS 2.
 
-use super::geometry::Pair;
-use super::{arrival, sift, Estimate, Poll};
-use crate::crtk::{self, Adapter, AdapterConfig, Header, Topic};
-use crate::ravenstate::{self, Ravenstate};
-use crate::state::{Acts, Frame, Meaning, Mount, RobotState, StateError, TipForce};
-use crate::watch::{Watch, WatchConfig};
+use crate::geometry::Pair;
+use robot::crtk::{self, frame_of_force, Adapter, AdapterConfig, Header, Topic, Topics};
+use robot::ravenstate::{self, Ravenstate};
+use robot::source::{arrival, sift, Estimate, Poll};
+use robot::state::{Acts, Frame, Meaning, Mount, RobotState, StateError, TipForce};
+use robot::watch::{Watch, WatchConfig};
 use std::sync::mpsc::{channel, Receiver, Sender};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What the subscriptions bring.
-pub(super) enum Incoming {
+pub(crate) enum Incoming {
     /// A message of one of the robot's topics, with its publisher.
     Crtk(Arc<str>, Header, Topic),
     /// The Raven's own message.
@@ -26,10 +26,10 @@ pub(super) enum Incoming {
 }
 
 /// Takes what came, with its time.
-pub(super) type Outlet = Sender<(Instant, Incoming)>;
+pub(crate) type Outlet = Sender<(Instant, Incoming)>;
 
 /// The other end: adapters, mount and watch.
-pub(super) struct Intake {
+pub(crate) struct Intake {
     incoming: Receiver<(Instant, Incoming)>,
     adapter: Adapter,
     raven: Option<ravenstate::Adapter>,
@@ -147,5 +147,28 @@ impl Intake {
         let ball = half_n[0] == half_n[1] && half_n[1] == half_n[2];
         pair.linear = if ball { half_n } else { turned.map(f64::abs) }.into();
         Some((frame, pair))
+    }
+}
+
+/// A stamp as a time since 1970. CRTK marks data with a stamp of 0 as invalid: a time before that
+/// is one.
+pub(crate) fn since_1970(t_ns: i64) -> Duration {
+    Duration::from_nanos(u64::try_from(t_ns).unwrap_or(0))
+}
+
+/// Namespace of the rig as a CRTK device: the one below which its forces are, less their frame.
+pub(crate) fn device(publish: &str) -> &str {
+    match publish.rsplit_once('/') {
+        Some((device, "spatial" | "body" | "local")) => device,
+        _ => publish,
+    }
+}
+
+/// The adapter of a robot with these topics.
+pub(crate) fn adapter_for(config: &AdapterConfig, topics: &Topics) -> AdapterConfig {
+    let by_name = || frame_of_force(&topics.measured_cf, &config.frame);
+    AdapterConfig {
+        force_frame: Some(config.force_frame.clone().unwrap_or_else(by_name)),
+        ..config.clone()
     }
 }
