@@ -34,7 +34,7 @@ impl Physics {
     }
 
     /// An observer that knows what has changed of the robot in this sequence: its measured force
-    /// has told. See [`Model::told_stepper`].
+    /// has told. See [`told_stepper`](crate::model::Model::told_stepper).
     #[must_use]
     pub fn told_observer(&self, sequence: &Sequence) -> Option<Observer<'_>> {
         let differs = self.differs.as_ref()?;
