@@ -67,7 +67,7 @@ pub(super) fn find(paths: &[PathBuf]) -> Result<Found, Error> {
         let first = paths.first().map_or(Path::new("."), PathBuf::as_path);
         return Err(Error::io(
             first,
-            "no log (.csv, .txt, .tsv, .dat, .log, .lvm, each also as .gz, or .parquet) is in there; check the paths of the data",
+            "no log (.csv, .txt, .tsv, .dat, .log, .lvm, .jsonl, .ndjson, each also as .gz, or .parquet) is in there; check the paths of the data",
         ));
     }
     Ok(out)
@@ -82,7 +82,10 @@ enum Kind {
 /// The format of a log by the extension of its name; `None` if it is not that of a log.
 fn kind(path: &Path) -> Option<Kind> {
     match extension(path)?.as_str() {
-        "csv" | "txt" | "tsv" | "dat" | "log" | "lvm" | "ulg" => Some(Kind::Text),
+        // Not `.json`: in a folder of logs that is a card or a setting more often than a log.
+        "csv" | "txt" | "tsv" | "dat" | "log" | "lvm" | "ulg" | "jsonl" | "ndjson" => {
+            Some(Kind::Text)
+        }
         "parquet" | "pq" => Some(Kind::Parquet),
         _ => None,
     }
@@ -125,14 +128,9 @@ pub(super) fn read(
     lines: Action,
     used: &BTreeMap<String, f64>,
 ) -> Result<Table, Error> {
-    let table = match (parquet(path), extension(path).as_deref()) {
-        (Some(table), _) => table,
-        // A file that was given by name may have any extension, but JSON as CSV would only confuse.
-        (None, Some("json")) => Err(Error::io(
-            path,
-            "JSON is not a format of logs; write the log as CSV or Parquet",
-        )),
-        _ => super::text::read(path, input, lines, Some(used)),
+    let table = match parquet(path) {
+        Some(table) => table,
+        None => super::text::read(path, input, lines, Some(used)),
     }?;
     Ok(table.of(path))
 }

@@ -5,6 +5,8 @@
 //! |---|---|
 //! | `files.rs` | which files are logs |
 //! | `text.rs`, `parquet.rs` | one log of each format |
+//! | `brackets.rs` | stamps in brackets before the lines of a text log |
+//! | `json.rs` | JSON as the CSV text that it stands for |
 //! | `cells.rs` | numbers as text |
 //! | `arrow.rs` | which columns of a Parquet log are durations |
 //! | `messages.rs` | text logs with several kinds of message |
@@ -16,11 +18,13 @@
 
 #[cfg(feature = "parquet")]
 mod arrow;
+mod brackets;
 mod cells;
 mod copies;
 mod files;
 mod folds;
 mod guess;
+mod json;
 mod messages;
 #[cfg(feature = "parquet")]
 mod parquet;

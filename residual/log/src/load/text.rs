@@ -1,7 +1,8 @@
-//! Text logs: CSV and relatives, plain or gzip.
+//! Text logs: CSV and relatives, and JSON, plain or gzip.
 
+use super::brackets::{self, Brackets};
 use super::cells::{number, Affix, Marks};
-use super::{rows, Note, Table};
+use super::{json, rows, Note, Table};
 use crate::spec::{Action, Input};
 use residual_columns::dates;
 use residual_columns::error::Error;
@@ -39,7 +40,7 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     let is_end = |end: u8| head.contains(&end);
     // As old systems of Apple end lines.
     let carriages = !gzip && is_end(b'\r') && !is_end(b'\n');
-    Ok(if carriages {
+    let mut reader: Box<dyn BufRead> = if carriages {
         Box::new(BufReader::with_capacity(1 << 16, Carriages(file)))
     } else if gzip {
         Box::new(BufReader::with_capacity(
@@ -48,7 +49,21 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
         ))
     } else {
         Box::new(file)
-    })
+    };
+    // What is wrong with a file that can't be read further is told where its rows are read.
+    let head = reader.fill_buf().unwrap_or_default();
+    if brackets::is_stamped(head) {
+        return Ok(Box::new(BufReader::new(Brackets::new(reader))));
+    }
+    if !json::is_json(head) {
+        return Ok(reader);
+    }
+    let mut bytes = Vec::new();
+    reader
+        .read_to_end(&mut bytes)
+        .map_err(|e| Error::io(path, e))?;
+    let text = json::as_csv(&bytes).map_err(|why| Error::io(path, why))?;
+    Ok(Box::new(Cursor::new(text.into_bytes())))
 }
 
 /// Turns carriage returns into line feeds.
@@ -101,14 +116,8 @@ fn other_format(head: &[u8]) -> Option<&'static str> {
         (b"TDSm", "a TDMS file"),
         (b"MDF ", "an MDF file"),
     ];
-    if let Some((_, what)) = MAGIC.iter().find(|(magic, _)| head.starts_with(magic)) {
-        return Some(what);
-    }
-    let mut bytes = head.iter().filter(|b| !b.is_ascii_whitespace());
-    match (bytes.next()?, bytes.next()?) {
-        (b'{', b'"' | b'}') | (b'[', b'{' | b'[') => Some("JSON"),
-        _ => None,
-    }
+    let known = MAGIC.iter().find(|(magic, _)| head.starts_with(magic));
+    known.map(|(_, what)| *what)
 }
 
 /// Turns every run of blanks into one tab, so that one CSV reader serves both layouts, with commas
