@@ -16,6 +16,10 @@ pub trait Columns {
     fn column(&self, name: &str) -> Option<&[f64]>;
     /// Names of all columns, for messages.
     fn names(&self) -> Vec<String>;
+    /// First cell of a column that is no numbers, and its line; `None` of any other.
+    fn text(&self, _name: &str) -> Option<(&str, u64)> {
+        None
+    }
     /// Line of a row (from 0) in a text file, for messages; `None` where that is not known.
     fn line(&self, _row: usize) -> Option<u64> {
         None
@@ -91,13 +95,26 @@ pub fn read<'a>(
     label: Label,
 ) -> Result<Part, DataError> {
     let find = |role: &str, column: &str, instead: &'static str| {
-        log.column(column).ok_or_else(|| DataError::Missing {
-            file: file.to_owned(),
-            column: column.to_owned(),
-            role: role.to_owned(),
-            has: log.names().join(", "),
-            instead,
-        })
+        let file = || file.to_owned();
+        let (column, role) = (column.to_owned(), role.to_owned());
+        match (log.column(&column), log.text(&column)) {
+            (Some(values), _) => Ok(values),
+            (None, Some((cell, line))) => Err(DataError::Text {
+                cell: cell.to_owned(),
+                line,
+                file: file(),
+                column,
+                role,
+                instead,
+            }),
+            (None, None) => Err(DataError::Missing {
+                has: log.names().join(", "),
+                file: file(),
+                column,
+                role,
+                instead,
+            }),
+        }
     };
     let one = |role: &'static str,
                s: &'a Source,
@@ -413,6 +430,10 @@ mod tests {
             self.0.iter().map(|(n, _)| n.clone()).collect()
         }
 
+        fn text(&self, name: &str) -> Option<(&str, u64)> {
+            (name == "quality").then_some(("good", 2))
+        }
+
         /// A line of names, then one a row.
         fn line(&self, row: usize) -> Option<u64> {
             Some(row as u64 + 2)
@@ -525,6 +546,8 @@ mod tests {
     fn refusals_name_file_and_column() {
         let mut missing = log(1_000);
         missing.0.retain(|(n, _)| n != "joint_effort_2");
+        let mut text = log(1_000);
+        text.0.retain(|(n, _)| n != "quality");
         let mut nan = log(1_000);
         set(&mut nan, "joint_velocity_3", 7, f64::NAN);
         let mut large = log(1_000);
@@ -539,6 +562,7 @@ mod tests {
                     "absent = true",
                 ],
             ),
+            (&text, vec!["a.parquet", "`quality`", "`good`", "line 2"]),
             (&nan, vec!["a.parquet", "`joint_velocity_3`", "row 8"]),
             (&large, vec!["`force_y_n`", "row 4"]),
         ] {

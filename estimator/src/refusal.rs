@@ -22,6 +22,22 @@ pub enum DataError {
         /// What else can be done, beginning with a comma; empty where there is nothing else.
         instead: &'static str,
     },
+    /// A column has text in it.
+    #[error("{file}: the column `{column}` (for {role}) is text, `{cell}` in line {line}. Write numbers there, or name another column in a mapping file (--mapping){instead}")]
+    Text {
+        /// File.
+        file: String,
+        /// Column.
+        column: String,
+        /// What it is for.
+        role: String,
+        /// Its first cell.
+        cell: String,
+        /// Line of the file.
+        line: u64,
+        /// What else can be done, beginning with a comma; empty where there is nothing else.
+        instead: &'static str,
+    },
     /// A mapping says that something is absent without which there is no model.
     #[error("{file}: the mapping file says that {role} is absent; {why}")]
     Needed {

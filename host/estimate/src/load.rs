@@ -102,6 +102,10 @@ impl Columns for Read {
         self.0.all_names()
     }
 
+    fn text(&self, name: &str) -> Option<(&str, u64)> {
+        self.0.text(name)
+    }
+
     fn line(&self, row: usize) -> Option<u64> {
         self.0.line(row)
     }
