@@ -46,14 +46,21 @@ impl Hold {
         let held = hold_tensions(link.as_mut(), &rig, &options, &mut watch, &mut || {});
         watch.progress.done();
         let held = held?;
-        let json =
+        let mut json =
             serde_json::to_value(held).map_err(|error| exit::Failure::new(exit::FILE, error))?;
-        Ok(Reply::new(table(&held), json))
+        let shortfalls = held.shortfalls();
+        json["shortfalls"] = shortfalls.clone().into();
+        let reply = Reply::new(table(&held, &shortfalls), json);
+        Ok(if shortfalls.is_empty() {
+            reply
+        } else {
+            reply.with_code(exit::DEGRADED)
+        })
     }
 }
 
 /// The table for people.
-fn table(held: &HeldTensions) -> String {
+fn table(held: &HeldTensions, shortfalls: &[String]) -> String {
     let mut out = String::new();
     let cell =
         |value: Option<f64>| value.map_or_else(|| format!("{:>7}", "-"), |v| format!("{v:>7.3}"));
@@ -65,5 +72,8 @@ fn table(held: &HeldTensions) -> String {
     );
     row!(out, "  measured       {}", units(held.tension_n));
     row!(out, "  RMS error      {}", units(held.error_rms_n));
+    for shortfall in shortfalls {
+        row!(out, "not as asked for    {shortfall}");
+    }
     out
 }

@@ -57,9 +57,9 @@ impl Feasibility {
 /// Zero force is out of reach at some poses of a rig file.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
-    "zero force is out of reach at {out_of_reach} of {poses} poses: with every cable at `tension_min_n` or more the tip is \
+    "zero force is out of reach at {out_of_reach} of {poses} poses: with every cable from `tension_min_n` to `tension_max_n` the tip is \
      pulled with at least {:.2} N at [{:.3}, {:.3}, {:.3}] m; check `exit_m` and `enabled` of the units (two units in one \
-     place?), or give a smaller `tension_min_n` or `radius_m`",
+     place?), or give a larger `tension_max_n`, or a smaller `tension_min_n` or `radius_m`",
     worst.force_n, worst.tip_m.x, worst.tip_m.y, worst.tip_m.z
 )]
 pub struct ZeroOutOfReach {

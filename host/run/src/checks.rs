@@ -1,6 +1,6 @@
 //! What has to be true before anything is driven.
 
-use crate::error::{ArgumentError, Infeasible, RunError};
+use crate::error::{ArgumentError, Fault, Infeasible, RunError};
 use crate::options::{Options, MAX_HOLD_S};
 use crate::phase::Observer;
 use force::feasibility;
@@ -10,6 +10,7 @@ use rig::Rig;
 use session::link::RigLink;
 use session::{Session, PERIOD};
 use std::sync::atomic::{AtomicBool, Ordering};
+use wire::UNITS;
 
 /// Checks that the enabled units of a rig file can hold zero force at every pose that it allows.
 /// Nothing may be armed otherwise, except a single unit on a fixed hook.
@@ -40,6 +41,21 @@ pub(super) fn check_arguments(
         return Err(ArgumentError::NotInjectable.into());
     }
     Ok(())
+}
+
+/// Checks that the units that came up can hold zero force at a tip, m.
+///
+/// # Errors
+/// [`Fault::ZeroOutOfReach`], or the tip is outside the workspace.
+pub(super) fn require_zero_at(
+    rig: &Rig,
+    tip_m: Vector3<f64>,
+    available: &[bool; UNITS],
+) -> Result<(), RunError> {
+    match feasibility::residual_at(rig, tip_m, available)? {
+        None => Ok(()),
+        Some(residual_n) => Err(Fault::ZeroOutOfReach { residual_n }.into()),
+    }
 }
 
 /// An error where the run was interrupted from outside.

@@ -94,10 +94,12 @@ pub enum ArgumentError {
         max_n: f64,
     },
     /// Stored zeros are to be kept, and there are none.
-    #[error("no zero is known for rig `{rig}`: let all cables hang slack and run `forcectl zero`; nothing was driven")]
+    #[error("no zero is known for rig `{rig}`, unit {}: let all cables hang slack and run `forcectl zero`; a unit that does not come up gets none (`forcectl status`). Nothing was driven", list(.units))]
     NoZero {
         /// The rig's name.
         rig: String,
+        /// Units from 1 that have none.
+        units: Vec<u8>,
     },
     /// The length of an excitation, s.
     #[error(
@@ -158,6 +160,14 @@ pub enum Fault {
     ZeroOutOfReach {
         /// The least force at the tip, N.
         residual_n: f64,
+    },
+    /// Cables that did not come to their tensions: each in words.
+    #[error("{within_s:.0} s after arming {} not at the tension asked for; the rig was set to 0 V. Look at the cable, its reel and the load cell (`forcectl status`)", cables.join(", "))]
+    NotReached {
+        /// How long was waited, s.
+        within_s: f64,
+        /// The cables.
+        cables: Vec<String>,
     },
     /// The configuration read back is not the one that was sent: what differs.
     #[error("the board reads back another configuration than was sent ({}); nothing was armed; check the link and try again", .0.join(", "))]

@@ -4,8 +4,8 @@
 //! force; where they cannot, the rig is ramped down, because the cables that are left would pull
 //! the tip aside. A fault of the whole board ends the run.
 
-use crate::checks::{check_stop, fresh_pose};
-use crate::error::{Fault, RunError, UnitLost};
+use crate::checks::{check_stop, fresh_pose, require_zero_at};
+use crate::error::{RunError, UnitLost};
 use crate::fault::RunFault;
 use crate::options::{Options, PRETENSION_S, ROBOT_START_S};
 use crate::outcome::{Ended, LatencyMs, Outcome};
@@ -125,10 +125,7 @@ impl<'a> Hold<'a> {
     /// there.
     fn require_pose(&mut self, session: &mut Session<'_>) -> Result<(), RunError> {
         let tip_m = fresh_pose(session, &mut self.pose, &self.options.stop, self.observer)?;
-        match feasibility::residual_at(self.rig, tip_m, &self.available)? {
-            None => Ok(()),
-            Some(residual_n) => Err(Fault::ZeroOutOfReach { residual_n }.into()),
-        }
+        require_zero_at(self.rig, tip_m, &self.available)
     }
 
     /// Starts the robot of an emulated rig and injects what is due.

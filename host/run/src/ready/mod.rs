@@ -97,8 +97,13 @@ fn keep(
     if !complete {
         let stored = store.references()?;
         if stored.is_empty() {
+            let lacks = wanted.map(|config| config.enabled && config.zero_code == 0);
             return Err(ArgumentError::NoZero {
                 rig: rig.name.clone(),
+                units: (1..)
+                    .zip(lacks)
+                    .filter_map(|(n, lacks)| lacks.then_some(n))
+                    .collect(),
             }
             .into());
         }
