@@ -259,6 +259,9 @@ pub enum StateError {
     /// The publisher says so itself (CRTK: a stamp of 0).
     #[error("its stamp is 0: the publisher marks its data as invalid")]
     Invalid,
+    /// A stamp that no clock of these centuries shows in seconds.
+    #[error("its stamp is {0:e}, and has to be in s; in ms, us or ns it would be as large")]
+    StampUnit(f64),
     /// Neither joints nor tip.
     #[error("the state holds neither joints nor a tip")]
     Empty,
@@ -308,6 +311,12 @@ impl StateError {
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 
 impl RobotState {
+    /// Whether it tells the operating state and nothing else, as CRTK's topic of that name does.
+    #[must_use]
+    pub const fn is_operating_alone(&self) -> bool {
+        self.joints.is_none() && self.tip.is_none() && self.operating.is_some()
+    }
+
     /// Leaves out each part that has a flaw and without which the state can still be used:
     /// velocities, efforts, set points, an orientation, the robot's own force, and the joints where
     /// there is a tip. Returns what was left out ([`StateError::Optional`]). Joints without names

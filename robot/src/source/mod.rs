@@ -35,7 +35,7 @@ use crate::crtk::{AdapterConfig, TopicNames, Topics};
 use crate::state::{
     Clock, Frame, Mount, OperatingState, RobotState, Stamp, StateError, TipForce, TipState,
 };
-use crate::watch::{Event, Watch, WatchConfig};
+use crate::watch::{Event, Unfit, Watch, WatchConfig};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -461,6 +461,12 @@ pub fn sift(
                 continue;
             }
         };
+        if state.is_operating_alone() {
+            // It is no state of the arm, and makes none younger.
+            let unfit = state.operating.and_then(Unfit::of);
+            poll.events.extend(unfit.map(Event::NotOperating));
+            continue;
+        }
         for flaw in watch.settle(&mut state) {
             poll.note_left_out(&flaw, watch);
         }

@@ -213,6 +213,9 @@ impl Udp {
     fn state(&self, datagram: &Datagram, received: Stamp) -> Result<RobotState, StateError> {
         let message = parse(&datagram.bytes)?;
         let stamp = match message.stamp_s {
+            Some(stamp_s) if stamp_s.abs() > LARGEST_STAMP_S && stamp_s.is_finite() => {
+                return Err(StateError::StampUnit(stamp_s));
+            }
             Some(stamp_s) if stamp_s.is_finite() => Stamp {
                 clock: Clock::RobotUtc,
                 t_ns: (stamp_s * 1e9) as i64,
@@ -274,6 +277,9 @@ impl Source for Udp {
         Ok(sift(received, &mut self.watch, &self.config.mount, now_ns))
     }
 }
+
+/// Largest stamp, s: the year 2255. In ms today's stamps have 1.8e12.
+const LARGEST_STAMP_S: f64 = 9e9;
 
 /// Passes datagrams on until the source is gone. Where nobody polls, the newest ones are dropped.
 fn receive(socket: &UdpSocket, alive: &Weak<()>, to: &SyncSender<Datagram>) {

@@ -148,7 +148,7 @@ impl fmt::Display for Unfit {
 
 impl Unfit {
     /// Of an operating state. PAUSED is fit: the drives hold the robot.
-    pub(super) const fn of(operating: OperatingState) -> Option<Self> {
+    pub(crate) const fn of(operating: OperatingState) -> Option<Self> {
         match operating.state {
             Operating::Fault => Some(Self::Fault),
             Operating::Disabled => Some(Self::Disabled),

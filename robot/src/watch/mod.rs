@@ -186,10 +186,11 @@ impl Watch {
 
     fn examine(&mut self, state: &RobotState, now_ns: i64) -> Result<Option<Event>, Event> {
         self.one_publisher(state)?;
-        state.check()?;
+        // First: what a robot in FAULT reports beside it may be no state.
         if let Some(unfit) = state.operating.and_then(Unfit::of) {
             return Err(Event::NotOperating(unfit));
         }
+        state.check()?;
         self.joints_fit(state)?;
         self.frame_fits(state)?;
         // When it came is known better than when it was looked for.
