@@ -93,6 +93,7 @@ pub fn serve(
     listening
         .note(&link.name())
         .map_err(failed("the lock beside the socket"))?;
+    raise_handles();
     let (sender, inbound) = std::sync::mpsc::channel();
     let mut addresses = Addresses {
         socket: listening.path().to_owned(),
@@ -150,6 +151,21 @@ pub fn serve(
     let mut hub = Hub::new(setup, link, terminal, (sender, inbound));
     ready(&addresses);
     Ok(hub.run()?)
+}
+
+/// Takes as many file handles as the system allows: a client that can't be accepted can't stop the
+/// rig. Each has three, and 1,024 in all are usual.
+fn raise_handles() {
+    use rustix::process::{getrlimit, setrlimit, Resource, Rlimit};
+    let limit = getrlimit(Resource::Nofile);
+    // Where it is refused, the usual number has to do.
+    let _ = setrlimit(
+        Resource::Nofile,
+        Rlimit {
+            current: limit.maximum,
+            ..limit
+        },
+    );
 }
 
 /// Accepts clients in a thread, which ends with the process.

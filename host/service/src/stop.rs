@@ -93,7 +93,9 @@ enum News {
 enum Asked {
     NobodyThere,
     NotAllowed(std::io::Error),
-    /// It answers, or its connection broke.
+    /// It answers that it can't.
+    Refused(String),
+    /// Its connection broke.
     Failed(String),
 }
 
@@ -155,10 +157,16 @@ fn stop_by(
                     cause,
                 })
             }
+            Ok(News::NoService(Asked::Refused(why))) => {
+                asked -= 1;
+                // It is alive: there is nothing to end.
+                to_end = None;
+                tried.push(format!("{service}: {why}"));
+                others.take()
+            }
             Ok(News::NoService(Asked::Failed(why))) => {
                 asked -= 1;
-                // It is alive, or gone: there is nothing to end.
-                to_end = None;
+                // It may be gone, or alive and without a handle for who asks.
                 tried.push(format!("{service}: {why}"));
                 others.take()
             }
@@ -193,6 +201,12 @@ fn stop_by(
                 &sender,
                 say,
             );
+        }
+        if asked == 0 {
+            // Nobody is left to answer: who has the port goes.
+            if let Some((pid, port)) = to_end.take() {
+                asked += end_and_ask(pid, port, &sender, &mut tried, say);
+            }
         }
         if asked == 0 {
             break;
@@ -251,7 +265,7 @@ fn end_and_ask(
     match killed {
         Some(Ok(())) => {
             say(&format!(
-                "its service (process {pid}) hangs and was killed; the board is asked over {PORT}{port}"
+                "its service (process {pid}) does not answer and was killed; the board is asked over {PORT}{port}"
             ));
             ask_port(port.to_owned(), sender);
             1
@@ -297,7 +311,7 @@ fn ask_service(path: &Path, client: &str) -> Result<String, Asked> {
             serde_json::from_str(&line.map_err(failed)?).map_err(|e| failed(e.into()))?;
         if let Some(error) = answer.get("error") {
             let words = error["message"].as_str().unwrap_or_default();
-            return Err(Asked::Failed(words.to_owned()));
+            return Err(Asked::Refused(words.to_owned()));
         }
         if answer["id"] == HELLO {
             let welcome: Result<Welcome, _> = serde_json::from_value(answer["result"].take());
@@ -470,10 +484,27 @@ mod tests {
         assert_eq!(result.unwrap().link, format!("port {}", board.port));
         assert_eq!(board.stops(), 1);
         assert!(said.contains("is killed after 1 s"), "{said}");
-        assert!(said.contains("hangs and was killed"), "{said}");
+        assert!(said.contains("does not answer and was killed"), "{said}");
         let ended = service.0.try_wait().unwrap();
         let signal = ended.and_then(|s| std::os::unix::process::ExitStatusExt::signal(&s));
         assert_eq!(signal, Some(9));
+    }
+
+    /// As one that has no file handle left for who asks: it is alive, and drives on.
+    #[test]
+    fn a_service_that_breaks_the_connection_is_killed_and_its_board_stopped() {
+        let folder = tempfile::tempdir().unwrap();
+        let (socket, listener) = hung(folder.path());
+        let breaks = std::thread::spawn(move || drop(listener.accept().unwrap()));
+        let board = Board::start();
+        let mut service = Hangs::start();
+        let holder = (service.0.id(), format!("port {}", board.port));
+        let (result, said) = stopped(&socket, Some(&holder), &[], ANSWERS);
+        breaks.join().unwrap();
+        assert_eq!(result.unwrap().link, format!("port {}", board.port));
+        assert_eq!(board.stops(), 1);
+        assert!(said.contains("does not answer and was killed"), "{said}");
+        assert!(service.0.try_wait().unwrap().is_some());
     }
 
     #[test]

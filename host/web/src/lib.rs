@@ -15,6 +15,7 @@
 //! | question | file |
 //! | --- | --- |
 //! | who may open the page, and from where | `access` |
+//! | how many connections at a time | `connections` |
 //! | one page and its connection to the service | `bridge` |
 //! | what the page is told of rig and faults | `about` |
 //! | zero and recordings by other commands | `tools` |
@@ -24,6 +25,7 @@
 mod about;
 mod access;
 mod bridge;
+mod connections;
 mod tools;
 
 pub use access::make_token;
@@ -35,6 +37,7 @@ use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::Router;
+use connections::{Connections, Peer};
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
@@ -89,7 +92,7 @@ pub fn start(options: WebOptions) -> io::Result<String> {
         .route("/{file}", get(file))
         .layer(middleware::from_fn(guard))
         .with_state(gate)
-        .into_make_service_with_connect_info::<SocketAddr>();
+        .into_make_service_with_connect_info::<Peer>();
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()?;
@@ -99,7 +102,7 @@ pub fn start(options: WebOptions) -> io::Result<String> {
             runtime.block_on(async {
                 // Goes on after errors of a connection; the listener's own end ends nothing else.
                 if let Ok(listener) = tokio::net::TcpListener::from_std(listener) {
-                    let _ = axum::serve(listener, app).await;
+                    let _ = axum::serve(Connections::new(listener), app).await;
                 }
             });
         })?;
@@ -161,7 +164,7 @@ async fn file(Path(name): Path<String>) -> Response {
 
 async fn socket(
     State(gate): State<Arc<Gate>>,
-    ConnectInfo(from): ConnectInfo<SocketAddr>,
+    ConnectInfo(Peer(from)): ConnectInfo<Peer>,
     headers: HeaderMap,
     uri: Uri,
     upgrade: WebSocketUpgrade,

@@ -86,6 +86,22 @@ async fn http(served: &Served, head: &str) -> String {
     String::from_utf8_lossy(&answer).into_owned()
 }
 
+/// More than the page has places.
+#[tokio::test]
+async fn connections_that_say_nothing_keep_no_page_out() {
+    let served = Served::new(None);
+    let mut silent = Vec::new();
+    for _ in 0..300 {
+        silent.push(TcpStream::connect(served.host()).await.unwrap());
+    }
+    let mut page = Page::open(&served).await;
+    page.state("ready").await;
+    // The first of them were put out.
+    let mut end = [0];
+    let read = timeout(PATIENCE, silent[0].read(&mut end)).await;
+    assert!(!matches!(read.expect("it ends"), Ok(1)));
+}
+
 #[tokio::test]
 async fn a_page_shows_commands_and_stops_the_rig() {
     let served = Served::new(None);
