@@ -82,10 +82,13 @@ impl Interrupt {
     }
 }
 
-/// Calls the handler on each SIGTERM, and on each SIGHUP unless that is ignored already.
+/// Calls the handler on each SIGTERM, and on each SIGHUP unless that is ignored already. A SIGXFSZ
+/// does nothing.
 #[cfg(unix)]
 fn on_termination(handler: impl Fn() + Send + 'static) -> std::io::Result<()> {
-    use signal_hook::consts::{SIGHUP, SIGTERM};
+    use signal_hook::consts::{SIGHUP, SIGTERM, SIGXFSZ};
+    // A file that may not grow (`ulimit -f`) is an error of who writes it, and ends no run.
+    signal_hook::flag::register(SIGXFSZ, Arc::default())?;
     let mut list = vec![SIGTERM];
     if !is_ignored(SIGHUP) {
         list.push(SIGHUP);
