@@ -264,10 +264,15 @@ fn bases_of(zeros: &[Entry]) -> [usize; UNITS] {
     })
 }
 
-/// A text as a part of the name of a file: what is neither letter nor digit becomes `-`.
+/// A text as a part of the name of a file: letters and digits of ASCII as they are, others as the
+/// number that Unicode gives them, so that rigs of two names are two; all else becomes `-`.
 #[must_use]
 pub fn file_name_part(text: &str) -> String {
-    let safe = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+    let safe = |c: char| match c {
+        _ if c.is_ascii_alphanumeric() => c.to_string(),
+        _ if c.is_alphanumeric() => format!("-{:x}", u32::from(c)),
+        _ => "-".to_owned(),
+    };
     text.chars().map(safe).collect()
 }
 
@@ -288,6 +293,16 @@ fn unusable(path: &Path, error: &dyn std::fmt::Display) -> StoreError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_in_other_letters_are_files_of_their_own() {
+        assert_eq!(file_name_part("/dev/tty USB0"), "-dev-tty-USB0");
+        assert_ne!(
+            file_name_part("Labor \u{d6}"),
+            file_name_part("Labor \u{c4}")
+        );
+        assert_eq!(file_name_part("Labor \u{d6}"), "Labor--d6");
+    }
     use rig::Rig;
 
     #[test]
