@@ -40,6 +40,8 @@ pub struct Part {
     pub rate_hz: f64,
     /// Rows that were left out because they are not usable.
     pub unusable: usize,
+    /// Usable rows that were left out because gaps cut the log into stretches below a second.
+    pub short: usize,
     /// Inputs that the log lacks, by their place in [`crate::motion::INPUT_NAMES`]. They are 0 in
     /// every row.
     pub absent: Vec<usize>,
@@ -218,6 +220,7 @@ pub fn read<'a>(
         tips: Vec::new(),
         rate_hz: 1.0 / found_s,
         unusable: 0,
+        short: 0,
         absent,
     };
     let every = every as usize;
@@ -248,7 +251,7 @@ pub fn read<'a>(
         let follows = |last: f64| (t - last - found_s).abs() <= 0.5 * found_s;
         let broken = before.is_some_and(|(last, n)| n != number || !follows(last));
         if bad || broken {
-            close(&mut part, open.take());
+            close(&mut part, open.take(), label);
         }
         before = Some((t, number));
         if bad {
@@ -297,7 +300,7 @@ pub fn read<'a>(
             part.tips.push((number, (joints, tip)));
         }
     }
-    close(&mut part, open.take());
+    close(&mut part, open.take(), label);
     if part.sequences.is_empty() {
         return Err(DataError::Empty {
             file: file.to_owned(),
@@ -368,11 +371,14 @@ fn check<'a>(
     Ok(())
 }
 
-/// Keeps a stretch of at least a second.
-fn close(part: &mut Part, sequence: Option<Sequence>) {
+/// Keeps a stretch: for a training one of at least a second, for a replay each, as it would come
+/// live.
+fn close(part: &mut Part, sequence: Option<Sequence>, label: Label) {
     if let Some(sequence) = sequence {
-        if sequence.rows() as f64 * sequence.step_s >= 1.0 {
+        if label == Label::WhereThere || sequence.rows() as f64 * sequence.step_s >= 1.0 {
             part.sequences.push(sequence);
+        } else {
+            part.short += sequence.rows();
         }
     }
 }
@@ -501,6 +507,20 @@ mod tests {
             part.sequences[0].target_row(1),
             [90_002.0, 100_002.0, 110_002.0]
         );
+    }
+
+    /// As a link makes that loses a row in twenty.
+    #[test]
+    fn stretches_below_a_second_are_counted_and_replayed() {
+        let mut log = log(1_000);
+        for row in (300..1_000).step_by(60) {
+            set(&mut log, "quality", row, 0.0);
+        }
+        let of = |label| read("a.parquet", &log, &Mapping::default(), 100.0, label).unwrap();
+        let (train, replay) = (of(Label::Needed), of(Label::WhereThere));
+        let rows = |part: &Part| part.sequences.iter().map(Sequence::rows).sum::<usize>();
+        assert_eq!((train.unusable, train.short, rows(&train)), (12, 688, 300));
+        assert_eq!((replay.short, rows(&replay)), (0, 988));
     }
 
     #[test]

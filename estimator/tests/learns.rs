@@ -347,6 +347,18 @@ fn a_changed_robot_is_told_and_a_minute_of_free_motion_brings_the_model_back() {
     }
 }
 
+/// Told by what is left, or refused: no robot changes so.
+#[test]
+fn a_force_that_nobody_measured_is_no_change_of_the_robot() {
+    let mut trained = of_ten_minutes();
+    let (usual_n, ..) = on(&trained, &data().1);
+    let touched = changed(7, 31, 62.0, ChangeConfig::default(), 1.0);
+    match trained.recalibrate(&[&touched]) {
+        Ok(found) => assert!(found.after_n > 3.0 * usual_n, "{found:?} {usual_n}"),
+        Err(error) => assert!(error.to_string().contains("nothing touched"), "{error}"),
+    }
+}
+
 #[test]
 fn a_recalibration_needs_balances_and_motion() {
     let free = changed(7, 31, 20.0, ChangeConfig::default(), 0.0);

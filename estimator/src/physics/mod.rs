@@ -567,8 +567,8 @@ impl Physics {
         if let Some(i) = changes.iter().position(|change| !change.is_of_a_robot()) {
             self.found = before;
             return Err(ModelError::Data(format!(
-                "by this log friction of joint {} would have changed by {:+.0} % and its torque per command by {:+.0} %, which no robot does. Check sign, unit \
-                 and order of efforts and velocities, and that nothing touched the tool",
+                "by this log friction of joint {} would have changed by {:+.0} % and its torque per command by {:+.0} %, more than a robot changes by itself. Check that \
+                 nothing touched the tool, and sign, unit and order of efforts and velocities; a robot with other motors or amplifiers needs a training of its own",
                 i + 1,
                 100.0 * changes[i].friction,
                 100.0 * changes[i].gain

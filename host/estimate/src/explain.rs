@@ -309,7 +309,8 @@ fn word(effect: &Effect, joint: &str, unit: &str, friction: &Friction) -> String
         }
         EffectKind::Offset => format!(
             "a constant torque of {:.3} {unit} at the {joint}: zero of its amplifier, or friction that is larger one way",
-            value("offset")
+            // Not commanded: the command makes up for it.
+            -value("offset")
         ),
         EffectKind::AngleFriction | EffectKind::PeriodicAngle
             if (value("order") - 1.0).abs() <= ONE_A_TURN =>

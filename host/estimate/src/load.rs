@@ -38,21 +38,38 @@ pub struct Source {
     /// Lines that are no rows and were left out.
     #[serde(default)]
     pub lines_left_out: usize,
+    /// Usable rows that were left out because gaps cut the log into stretches below a second.
+    #[serde(default)]
+    pub rows_in_short_stretches: usize,
+    /// Rows that were taken.
+    #[serde(default)]
+    pub rows: usize,
 }
 
+/// Share of a file's usable rows from which on their loss is told.
+const TOLD: f64 = 0.01;
+
 impl Source {
-    /// How many lines were left out, in a sentence; `None` where none was.
+    /// What was left out of the file, in sentences; `None` where nothing was.
     #[must_use]
     pub fn loss(&self) -> Option<String> {
+        let mut out = Vec::new();
         let (lines, are) = match self.lines_left_out {
-            0 => return None,
             1 => ("line", "is no row and was"),
             _ => ("lines", "are no rows and were"),
         };
-        Some(format!(
-            "{} {lines} of {} {are} left out.",
-            self.lines_left_out, self.file
-        ))
+        if self.lines_left_out > 0 {
+            let count = self.lines_left_out;
+            out.push(format!("{count} {lines} of {} {are} left out.", self.file));
+        }
+        let short = self.rows_in_short_stretches;
+        if short as f64 > TOLD * (self.rows + short) as f64 {
+            out.push(format!(
+                "{short} rows of {} stand in stretches below a second, between gaps of the time or rows that are not usable, and were left out.",
+                self.file
+            ));
+        }
+        (!out.is_empty()).then(|| out.join(" "))
     }
 }
 
@@ -268,6 +285,8 @@ pub fn load(path: &Path, mapping: &Mapping, rate_hz: f64, label: Label) -> Resul
             sha256: files::sha256(file).map_err(|e| failed(file, e))?,
             trials,
             rows_not_usable: part.unusable,
+            rows_in_short_stretches: part.short,
+            rows: part.sequences.iter().map(Sequence::rows).sum(),
             lines_left_out: table.0.lines_left_out(),
         });
         parts.push(part);
@@ -818,9 +837,14 @@ mod tests {
         assert!(error.contains("row 41, line 43"), "{error}");
         let data = read(&effort, "text = \"drop\"\n").unwrap();
         assert_eq!(data.sources[0].lines_left_out, 1);
-        let loss = "1 line of effort.csv is no row and was left out.";
-        assert_eq!(data.losses(), [loss]);
-        // The seconds before the gap are too short for a stretch.
+        let losses = data.losses();
+        // The rows before the gap are too few for a stretch.
+        for part in [
+            "1 line of effort.csv is no row and was left out.",
+            "40 rows of effort.csv stand in stretches below a second",
+        ] {
+            assert!(losses.len() == 1 && losses[0].contains(part), "{losses:?}");
+        }
         assert_eq!(data.sequences[0].rows(), table.rows() - 41);
         let marks = write("marks.csv", 40, "quality");
         let error = read(&marks, "").unwrap_err().to_string();

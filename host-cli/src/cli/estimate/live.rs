@@ -256,7 +256,17 @@ impl Live {
         data.fit_inputs(estimator).map_err(Failure::usage)?;
         let mut run = Run::new(estimator, context, self);
         let mut last = None;
+        let mut replayed = 0;
+        let most = self
+            .duration
+            .map(|d| (d / estimator.step_s).ceil() as usize);
+        let ends = |replayed: usize| {
+            context.interrupt.requested() || most.is_some_and(|most| replayed >= most)
+        };
         for sequence in &data.sequences {
+            if ends(replayed) {
+                break;
+            }
             match stream::between(last.replace(sequence), sequence) {
                 Before::Gap(elapsed_s) => run.gap(elapsed_s),
                 _ if run.times_us.is_empty() => {}
@@ -264,13 +274,10 @@ impl Live {
             }
             for k in 0..sequence.rows() {
                 let time_s = sequence.start_s + k as f64 * sequence.step_s;
-                if context.interrupt.requested()
-                    || self
-                        .duration
-                        .is_some_and(|d| k as f64 * sequence.step_s >= d)
-                {
+                if ends(replayed) {
                     break;
                 }
+                replayed += 1;
                 let label = sequence.target_row(k);
                 run.step(time_s, sequence.input_row(k), Some(label));
             }
