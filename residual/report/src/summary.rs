@@ -140,7 +140,28 @@ impl Report {
         let stands_for_another = |e: &Effect| self.others(e.name).concat().contains(&effect.name);
         let alone =
             self.others(effect.name).is_empty() && !self.effects.iter().any(stands_for_another);
-        !self.structure.is_empty() && alone && own > FAR_MORE * left && sizes.all(certain)
+        !self.structure.is_empty()
+            && alone
+            && !self.drifts(effect)
+            && own > FAR_MORE * left
+            && sizes.all(certain)
+    }
+
+    /// Whether what is left goes with the time and with what the effect acts on: its value is then
+    /// a mean of several.
+    fn drifts(&self, effect: &Effect) -> bool {
+        let mut over_time = (self.structure.iter().map(|s| &s.depends_on))
+            .filter(|what| what.contains("time in the run"));
+        over_time.any(|what| {
+            ["velocity", "load", "angle"].iter().any(|of| {
+                let term = if *of == "load" { "command" } else { of };
+                what.contains(of)
+                    && effect
+                        .terms
+                        .iter()
+                        .any(|t| t.contains(of) || t.contains(term))
+            })
+        })
     }
 
     /// Whether the data have a finding of this check.
@@ -532,6 +553,11 @@ mod tests {
             |r: &mut Report| r.effects[0].heldout_without = 1.05 * r.last.heldout_rmse,
             |r: &mut Report| r.effects[0].ci = [("inertia".to_string(), [0.1, 0.3])].into(),
             |r: &mut Report| r.effects[0].ci.clear(),
+            |r: &mut Report| {
+                // Friction that jumps in the middle of a log.
+                r.structure[0].depends_on = "time in the run, with the sign of the velocity".into();
+                r.effects[0].terms = vec!["0.5 * sign(velocity)".into()];
+            },
             |r: &mut Report| {
                 let both = vec![r.effects[0].name, EffectKind::Viscous];
                 r.not_identifiable = vec![super::super::Ambiguity::new(both, "x")];
