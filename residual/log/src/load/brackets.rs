@@ -1,4 +1,5 @@
-//! Stamps in brackets before each line, as terminals write them: `[2026-03-04 10:00:00.120] 1.5,2.0`.
+//! Stamps in brackets before each line, as terminals write them:
+//! `[2026-03-04 10:00:00.120] 1.5,2.0`.
 
 use std::io::{BufRead, Read};
 
