@@ -461,14 +461,20 @@ fn columns_in_memory_agree_with_files() {
 }
 
 #[test]
-fn json_is_no_log() {
+fn json_is_read_by_its_name_and_left_alone_in_a_folder() {
     let dir = Folder::new();
+    let lines = |rows: &[[f64; 4]]| {
+        rows.iter().fold(String::new(), |s, r| {
+            let [t, y, c, v] = r;
+            s + &format!("{{\"t\": {t}, \"y\": {y}, \"c\": {c}, \"v\": {v}}}\n")
+        })
+    };
+    let named = Folder::new();
+    let files = written(&named, &lines, "json");
+    assert_coulomb(&analyse(&files, MODEL).unwrap());
     let json = dir.put("a.json", "{\"t\": [1, 2]}");
     let error = analyse(&[json], MODEL).unwrap_err();
-    assert!(
-        error.exit_code() == 3 && error.to_string().contains("CSV or Parquet"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("no column `y`"), "{error}");
     // In a folder it is left alone, as any other file.
     for run in 0..3 {
         dir.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
