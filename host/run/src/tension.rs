@@ -20,8 +20,8 @@ use wire::{Command, UNITS};
 
 /// Time after arming before which no tension counts as reached, s.
 const SETTLE_S: f64 = 1.0;
-/// Time after arming within which every cable has to be at its tension, s. Estimate: the board's own
-/// faults of a slack cable (45) and of a command at its limit (46) come within seconds.
+/// Time after arming within which every cable has to be at its tension, s. Estimate: the board's
+/// own faults of a slack cable (45) and of a command at its limit (46) come within seconds.
 const REACHED_WITHIN_S: f64 = 10.0;
 /// Difference of a tension from its setpoint from which on it is not reached, N: above the peak at
 /// a reversal (0.32 N), a quarter of the least tension of the built-in rig.

@@ -1,8 +1,8 @@
 //! Logs in JSON, as the CSV text that they stand for, so that one reader takes times, units and
 //! missing values of both. An object is a row: one a line, or all in one list. Columns as lists,
 //! `{"t": [..], "y": [..]}`, and what pandas writes (`{"columns": .., "data": ..}` and
-//! `{"t": {"0": ..}, ..}`) are turned. `a.b` is the value `b` in the object `a`, `a[0]` the first of
-//! a list.
+//! `{"t": {"0": ..}, ..}`) are turned. `a.b` is the value `b` in the object `a`, `a[0]` the first
+//! of a list.
 //!
 //! The header is a line more than the file has: an object that stands alone on line 5 is told of as
 //! line 6.

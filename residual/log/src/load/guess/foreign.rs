@@ -332,6 +332,9 @@ fn strangers() -> Vec<Foreign> {
     ]
 }
 
+/// A column: its name and its cells.
+type Column = (&'static str, Vec<String>);
+
 /// Logs in JSON: of programs that write an object a line, of pandas and of scripts.
 fn objects() -> Vec<Foreign> {
     let named = |v: [f64; 5]| {
@@ -351,7 +354,7 @@ fn objects() -> Vec<Foreign> {
             ("force", column(&|v| v[4])),
         ]
     };
-    let joined = |of: &dyn Fn(&(&str, Vec<String>)) -> String| {
+    let joined = |of: &dyn Fn(&Column) -> String| {
         let all: Vec<String> = columns().iter().map(of).collect();
         format!("{{{}}}", all.join(","))
     };
