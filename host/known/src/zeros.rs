@@ -293,6 +293,7 @@ fn unusable(path: &Path, error: &dyn std::fmt::Display) -> StoreError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rig::Rig;
 
     #[test]
     fn names_in_other_letters_are_files_of_their_own() {
@@ -303,8 +304,6 @@ mod tests {
         );
         assert_eq!(file_name_part("Labor \u{d6}"), "Labor--d6");
     }
-    use rig::Rig;
-
     #[test]
     fn zeros_are_kept_with_their_time_and_a_disabled_unit_keeps_its_own() {
         let folder = tempfile::tempdir().unwrap();

@@ -110,11 +110,9 @@ pub fn hold_tensions(
     let mut pose = PoseSource::open(&rig.pose)?;
     let mut session = connect(link, observer)?;
     let prepared = ready_board(&mut session, rig, &options.zeroing, &options.stop, observer)?;
-    let mut controller = Controller::new(rig).map_err(ControlError::from)?;
     let held = hold(
         &mut session,
         rig,
-        &mut controller,
         &mut pose,
         prepared.available,
         options,
@@ -204,11 +202,9 @@ fn wanted(setpoint: &UnitSetpoint) -> f64 {
     f64::from(setpoint.tension_un) * 1e-6
 }
 
-#[expect(clippy::too_many_arguments, reason = "what a run needs, each once")]
 fn hold(
     session: &mut Session<'_>,
     rig: &Rig,
-    controller: &mut Controller,
     pose: &mut PoseSource,
     available: [bool; UNITS],
     options: &TensionOptions,
@@ -217,6 +213,7 @@ fn hold(
 ) -> Result<HeldTensions, RunError> {
     let tip_m = fresh_pose(session, pose, &options.stop, observer)?;
     require_at(rig, tip_m, &available, options.tension_n)?;
+    let mut controller = Controller::new(rig).map_err(ControlError::from)?;
     begin(session, observer, Phase::Tension);
     session.command(&Command::Arm)?;
     let start_ns = session.now_ns();
@@ -231,9 +228,8 @@ fn hold(
                 .duration_s
                 .is_some_and(|duration| held_s >= duration)
         {
-            let mut held = sums.outcome(held_s, interrupted);
-            held.left_out = std::array::from_fn(|i| rig.units[i].enabled && !available[i]);
-            return Ok(held);
+            let left_out = std::array::from_fn(|i| rig.units[i].enabled && !available[i]);
+            return Ok(sums.outcome(held_s, left_out, interrupted));
         }
         let (tip_m, moment) = pose.tip(session.tip_m(), session.now_ns())?;
         // While a cable's slack is taken up its reel turns as no robot makes it.
@@ -302,14 +298,14 @@ impl Sums {
         }
     }
 
-    fn outcome(&self, held_s: f64, interrupted: bool) -> HeldTensions {
+    fn outcome(&self, held_s: f64, left_out: [bool; UNITS], interrupted: bool) -> HeldTensions {
         let per = |i: usize, sum: f64| (self.cycles[i] > 0).then(|| sum / self.cycles[i] as f64);
         HeldTensions {
             held_s,
             tension_n: std::array::from_fn(|i| per(i, self.tension[i])),
             error_rms_n: std::array::from_fn(|i| per(i, self.squared_error[i]).map(f64::sqrt)),
             pull_n: self.pull_n,
-            left_out: [false; UNITS],
+            left_out,
             interrupted,
         }
     }
@@ -366,7 +362,10 @@ mod tests {
             "{held:?}"
         );
         // Nothing was held: that is no tension of 0.
-        assert_eq!(Sums::default().outcome(0.0, true).tension_n, [None; UNITS]);
+        assert_eq!(
+            Sums::default().outcome(0.0, [false; UNITS], true).tension_n,
+            [None; UNITS]
+        );
     }
 
     #[test]

@@ -14,7 +14,10 @@ fn parts(line: &[u8]) -> Option<(&[u8], &[u8])> {
     let (stamp, rest) = rest.split_at(rest.iter().position(|b| *b == b']')?);
     let of_stamp = |b: &u8| b.is_ascii_digit() || b" :.,-/TZ".contains(b);
     let digits = stamp.iter().filter(|b| b.is_ascii_digit()).count();
-    (digits > 1 && stamp.iter().all(of_stamp)).then(|| (stamp.trim_ascii(), rest[1..].trim_ascii()))
+    let rest = rest[1..].trim_ascii();
+    // Without a rest it is a list in brackets.
+    let is_stamp = digits > 1 && stamp.iter().all(of_stamp) && !rest.is_empty();
+    is_stamp.then(|| (stamp.trim_ascii(), rest))
 }
 
 /// Makes the stamp a cell of its own, with the separator of what follows.
@@ -68,12 +71,8 @@ mod tests {
             "10:00:00.1;a;b\n10:00:00.2;1.5;2,5\n\n[info] ready\n3;4\n12.5 1 2\n"
         );
         assert!(is_stamped(text.as_bytes()));
-        for other in ["[info] 1,2\n", "[[1, 2]]", "[1.5, 2.5]x", "1,2\n", "[", ""] {
-            assert_eq!(
-                is_stamped(other.as_bytes()),
-                other.starts_with("[1.5"),
-                "{other}"
-            );
+        for other in ["[info] 1,2\n", "[[1, 2]]", "[1.5, 2.5]\n", "1,2\n", "[", ""] {
+            assert!(!is_stamped(other.as_bytes()), "{other}");
         }
     }
 }

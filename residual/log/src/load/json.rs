@@ -16,7 +16,7 @@ pub(super) fn is_json(head: &[u8]) -> bool {
     let mut bytes = head.iter().filter(|b| !b.is_ascii_whitespace());
     matches!(
         (bytes.next(), bytes.next()),
-        (Some(b'{'), Some(b'"' | b'}')) | (Some(b'['), Some(b'{' | b'['))
+        (Some(b'{'), Some(b'"' | b'}')) | (Some(b'['), Some(b'{' | b'[' | b'-' | b'0'..=b'9'))
     )
 }
 
@@ -151,7 +151,11 @@ pub(super) fn as_csv(bytes: &[u8]) -> Result<String, String> {
 fn rows_of(whole: Item) -> Result<Vec<Item>, String> {
     let is_cell = |item: &&Item| matches!(item, Item::Cell(_));
     if let Item::List(rows) = whole {
-        return Ok(rows);
+        return Ok(if rows.iter().all(|row| is_cell(&row)) {
+            vec![Item::List(rows)]
+        } else {
+            rows
+        });
     }
     if let (Some(Item::List(names)), Some(Item::List(rows))) =
         (whole.entry("columns"), whole.entry("data"))
@@ -184,14 +188,17 @@ fn rows_of(whole: Item) -> Result<Vec<Item>, String> {
     }
     // Something about the log, and its rows under a name.
     let is_rows = |item: &Item| matches!(item, Item::List(all) if all.iter().all(|i| matches!(i, Item::Object(_))));
-    let mut lists = entries.iter().filter(|(_, item)| is_rows(item));
-    match (lists.next(), lists.next()) {
-        (Some((_, Item::List(rows))), None) => Ok(rows.clone()),
-        (Some((a, _)), Some((b, _))) => Err(format!(
+    let (mut lists, rest): (Vec<_>, Vec<_>) =
+        entries.into_iter().partition(|(_, item)| is_rows(item));
+    if let [(a, _), (b, _), ..] = &lists[..] {
+        return Err(format!(
             "it has several lists of objects, `{a}` and `{b}` among them; write each to a file of its own"
-        )),
-        _ => Ok(vec![Item::Object(entries)]),
+        ));
     }
+    Ok(match lists.pop() {
+        Some((_, Item::List(rows))) => rows,
+        _ => vec![Item::Object(rest)],
+    })
 }
 
 /// One object a line; empty lines are left out.
@@ -318,10 +325,15 @@ mod tests {
             as_csv(text.as_bytes()).unwrap(),
             "h.stamp,q[0],q[1],note,on\n5,1,2,\"a, \"\"b\"\" NaN\",true\n"
         );
-        assert_eq!(
-            as_csv(b"[[1, 2], [3, 4]]").unwrap(),
-            "column_1,column_2\n1,2\n3,4\n"
-        );
+        // A list of lists, and lists of Python a line.
+        assert_eq!(as_csv(b"[1, 2]").unwrap(), "column_1,column_2\n1,2\n");
+        for text in ["[[1, 2], [3, 4]]", "[1, 2]\n[3, 4]\n"] {
+            assert!(is_json(text.as_bytes()), "{text}");
+            assert_eq!(
+                as_csv(text.as_bytes()).unwrap(),
+                "column_1,column_2\n1,2\n3,4\n"
+            );
+        }
     }
 
     /// A log whose writer was killed, and one with messages between the rows.
