@@ -369,6 +369,36 @@ fn a_replay_gives_every_estimate_with_its_interval_and_its_label() {
     );
 }
 
+/// One log of five whose force has the other sign: the command goes on, and names it.
+#[test]
+fn a_training_trial_unlike_the_others_is_named() {
+    let temporary = folder();
+    let folder = temporary.path();
+    let day = folder.join("day");
+    for trial in 1..7 {
+        log(&day, trial, 30, 3.0, &[]);
+    }
+    let train = "estimate train day --model linear --no-intervals --test 6";
+    let said = expect(folder, &format!("{train} --out m.model"), 0, &[]);
+    assert!(!said.out.contains("unlike"), "{said:?}");
+    let file = day.join("trial-2.csv");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let (head, rows) = text.split_once('\n').unwrap();
+    let force = head.split(',').position(|name| name == "force_y_n");
+    let force = force.expect("a force");
+    let reversed = |row: &str| {
+        let mut cells: Vec<String> = row.split(',').map(str::to_owned).collect();
+        cells[force] = format!("{}", -cells[force].parse::<f64>().expect("a number"));
+        cells.join(",") + "\n"
+    };
+    let rows: String = rows.lines().map(reversed).collect();
+    std::fs::write(&file, format!("{head}\n{rows}")).unwrap();
+    let words = ["Look at this first", "unlike the others", "trial 2: "];
+    expect(folder, &format!("{train} --out n.model"), 0, &words);
+    let card = std::fs::read_to_string(folder.join("n.card.json")).unwrap();
+    assert!(card.contains("trial 2: "), "{card}");
+}
+
 #[test]
 fn a_training_that_would_be_lost_is_refused_before_it_begins() {
     let temporary = folder();

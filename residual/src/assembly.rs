@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use residual_columns::error::Error;
 use residual_effects::{effect as effect_of, Build, EffectKind, CATALOGUE};
 use residual_evidence::attribution::{EqualPath, Improving};
+use residual_evidence::by_log::{by_log, unlike_logs};
 use residual_evidence::check::Checked;
 use residual_evidence::few::few_rows;
 use residual_evidence::intervals::Parameters;
@@ -81,6 +82,8 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
             .zip(effects.first())
             .is_some_and(|(a, e)| a.effects.first() == Some(&e.name)),
     });
+    let by_log = by_log(&base.held, &fit.held, data);
+    let unlike_logs = unlike_logs(&by_log, &spec.roles.target.unit);
     Ok(Report {
         schema_version: SCHEMA_VERSION,
         title: spec.title.clone(),
@@ -110,6 +113,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
             (None, true) => Some(pictures::over_time(search, &base.residual, &fit.residual)),
             (None, false) => None,
         },
+        by_log,
         structure: found.left.structure,
         seen_not_material: not_material(search, outcome, &effects),
         tested: outcome.last.ranked.iter().map(tested).collect(),
@@ -124,6 +128,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
             .iter()
             .cloned()
             .chain(few_rows(&fit.residual, data))
+            .chain(unlike_logs)
             .chain(found.left.notes)
             .collect(),
         residual_tests: residual_tests(

@@ -1,7 +1,7 @@
 //! The card of a model: what it was trained on, what it reached, what it is not for. It lies beside
 //! the model file.
 
-use super::evaluate::Evaluation;
+use super::evaluate::{unlike_trials, Evaluation};
 use super::load::{Data, LoadError, Sampling, Source};
 use estimator::estimator::Estimator;
 use estimator::model::Epochs;
@@ -51,6 +51,9 @@ pub struct ModelCard {
     /// How far the training of a network went. Cards of before have none.
     #[serde(default)]
     pub epochs: Option<Epochs>,
+    /// What is to be looked at before the figures are believed. Cards of before have none.
+    #[serde(default)]
+    pub warnings: Vec<String>,
     /// Figures on the test trials.
     pub evaluation: Option<Evaluation>,
     /// Ranges of the inputs in training. Outside of them the model has seen nothing.
@@ -145,6 +148,7 @@ impl ModelCard {
             parameters: estimator.model().parameters(),
             training_s: run.training_s,
             epochs: estimator.epochs(),
+            warnings: unlike_trials(estimator, &training).into_iter().collect(),
             evaluation,
             ranges,
             limits: vec![
@@ -269,6 +273,9 @@ impl ModelCard {
                 ""
             };
             line(format!("- **Epochs**: {epochs}{cut}"));
+        }
+        for warning in &self.warnings {
+            line(format!("- **Look at this first**: {warning}"));
         }
         if let Some(s) = &self.sampling {
             line(format!(

@@ -136,6 +136,28 @@ pub struct Replay {
     pub seed: u64,
 }
 
+/// Says which few training trials have an error far above that of the others: a column of theirs
+/// may be reversed, scaled, or that of something else.
+#[must_use]
+pub fn unlike_trials(estimator: &Estimator, training: &[&Sequence]) -> Option<String> {
+    let trials = compare(
+        estimator.model(),
+        &estimator.base,
+        &estimator.axes,
+        training,
+    );
+    let errors = metrics::by_trial(&trials);
+    let (unlike, of_others) = residual::few_unlike(&errors)?;
+    let each = unlike
+        .iter()
+        .map(|i| format!("trial {}: {:.3} N", trials[*i].trial, errors[*i]));
+    Some(format!(
+        "few training trials are unlike the others, whose mean absolute error has the median {of_others:.3} N: {}. Check the columns, signs \
+         and units of their logs, and whether something else touched the robot; train again without what is wrong",
+        each.collect::<Vec<_>>().join(", ")
+    ))
+}
+
 /// Replays each trial row by row, and counts every row.
 fn streamed(
     estimator: &Estimator,

@@ -43,6 +43,32 @@ pub fn interval(mut replicates: Vec<f64>) -> [f64; 2] {
     ]
 }
 
+/// How many times the median of the others an error is unlike them.
+pub const UNLIKE: f64 = 2.0;
+
+/// Share of the errors that may be unlike the others: of more they are two sorts.
+const FEW: f64 = 0.25;
+
+/// The few errors of many that are more than [`UNLIKE`] times the median of the others: their
+/// places, the largest first, and that median. `None` if there are none, more than a few, or fewer
+/// than three errors.
+pub fn few_unlike(errors: &[f64]) -> Option<(Vec<usize>, f64)> {
+    if errors.len() < 3 {
+        return None;
+    }
+    let mut places: Vec<usize> = (0..errors.len()).collect();
+    places.sort_by(|a, b| errors[*b].total_cmp(&errors[*a]));
+    let most = ((FEW * errors.len() as f64) as usize).max(1);
+    (1..=most).find_map(|count| {
+        let (unlike, others) = places.split_at(count);
+        let mut values: Vec<f64> = others.iter().map(|i| errors[*i]).collect();
+        let of_others = median(&mut values)?;
+        let apart = |place: &usize| errors[*place] > UNLIKE * of_others;
+        (unlike.last().is_some_and(apart) && !apart(&others[0]))
+            .then(|| (unlike.to_vec(), of_others))
+    })
+}
+
 /// Mean; 0 if empty.
 pub fn mean(v: &[f64]) -> f64 {
     v.iter().sum::<f64>() / v.len().max(1) as f64
@@ -173,6 +199,26 @@ impl Rng {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn few_errors_above_the_others_are_found() {
+        assert_eq!(
+            few_unlike(&[0.1, 0.12, 0.5, 0.09, 0.1]),
+            Some((vec![2], 0.1))
+        );
+        let of_eight = [0.1, 0.3, 0.1, 0.1, 0.1, 0.4, 0.1, 0.1];
+        assert_eq!(few_unlike(&of_eight), Some((vec![5, 1], 0.1)));
+        for alike in [
+            &[0.1, 0.19, 0.12, 0.1][..],
+            &[0.1, 0.5],
+            // Two sorts, not few among others.
+            &[0.1, 0.5, 0.5, 0.1],
+            &[f64::NAN; 4],
+            &[],
+        ] {
+            assert_eq!(few_unlike(alike), None, "{alike:?}");
+        }
+    }
 
     #[test]
     fn selection_gives_the_quantiles_of_sorting() {

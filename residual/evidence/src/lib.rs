@@ -3,6 +3,7 @@
 //! verdict.
 
 pub mod attribution;
+pub mod by_log;
 pub mod check;
 pub mod feedback;
 pub mod few;

@@ -37,6 +37,9 @@ fn done(action: Action) -> &'static str {
 /// Name of the check that few rows carry most of the squared error.
 pub const FEW_ROWS: &str = "few rows";
 
+/// Name of the finding on few logs whose error is far above that of the others.
+pub const UNLIKE_LOG: &str = "unlike log";
+
 /// Name of the check that the rows are stamped in bunches.
 pub const BUNCHED: &str = "stamps in bunches";
 

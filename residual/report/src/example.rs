@@ -3,6 +3,7 @@
 use super::*;
 use residual_effects::{EffectKind, Form};
 use residual_evidence::attribution::EqualPath;
+use residual_evidence::by_log::LogError;
 use residual_evidence::check::Check;
 use residual_fit::diagnostics::ResidualTest;
 use residual_log::finding::Finding;
@@ -104,6 +105,12 @@ pub(super) fn report() -> Report {
             heldout_rmse: 0.1,
         }],
         paths_not_judged: 2,
+        by_log: vec![LogError {
+            file: "a.csv".into(),
+            rows: 50,
+            declared_rmse: 0.4,
+            final_rmse: 0.1 / 3.0,
+        }],
         structure: vec![Structure::new("a curve in velocity", 0.021, 3e-5)],
         seen_not_material: vec![NotMaterial {
             name: EffectKind::Gain,

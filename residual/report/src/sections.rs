@@ -6,12 +6,16 @@ use super::words::{behind, first_of, joined, readable, titled};
 use super::{DeclaredTerm, Effect, Figures, ModelTest, Report, Rival, Verdict};
 use residual_columns::format::{num, p_value, percent, positive_zero, with_interval};
 use residual_effects::EffectKind;
+use residual_evidence::by_log::LogError;
 
 /// Heading of the section on structure that no effect explains.
 pub(super) const UNEXPLAINED: &str = "Unexplained structure";
 
 /// Heading of the section on flaws of the data.
 pub(super) const CHECKS: &str = "Checks of the data";
+
+/// Logs in the table of their errors; a page more helps nobody.
+const LOGS_SHOWN: usize = 20;
 
 impl Report {
     /// Which data were analysed.
@@ -101,8 +105,46 @@ impl Report {
         .into_iter()
         .chain(self.only_beside_others().map(Part::Text))
         .chain([Part::Text(self.held_out())])
+        .chain(self.each_log())
         .chain(self.check())
         .collect()
+    }
+
+    /// The held-out error of each log, those with the largest first.
+    fn each_log(&self) -> Vec<Part> {
+        let mut logs: Vec<&LogError> = self.by_log.iter().collect();
+        if logs.is_empty() {
+            return vec![];
+        }
+        logs.sort_by(|a, b| b.final_rmse.total_cmp(&a.final_rmse));
+        let which = if logs.len() > LOGS_SHOWN {
+            format!(
+                "Of {} logs the {LOGS_SHOWN} with the largest error; `report.json` has all:",
+                logs.len()
+            )
+        } else {
+            "Each log:".into()
+        };
+        let row = |log: &&LogError| {
+            vec![
+                log.file.clone(),
+                log.rows.to_string(),
+                num(log.declared_rmse),
+                num(log.final_rmse),
+            ]
+        };
+        vec![
+            Part::Text(which),
+            Part::table(
+                &[
+                    "log",
+                    "rows",
+                    &titled("held-out RMSE, declared", &self.unit),
+                    &titled("held-out RMSE, final", &self.unit),
+                ],
+                logs.iter().take(LOGS_SHOWN).map(row).collect(),
+            ),
+        ]
     }
 
     /// Why an effect that was found makes an error larger in the table, if one does.

@@ -7,7 +7,7 @@ use residual_columns::format::{num, percent};
 use residual_evidence::leftover::LINE_OF_INPUT;
 use residual_log::finding::LEFT_OUT;
 use residual_log::hygiene::{
-    BUNCHED, FEW_ROWS, HELD, REPEATED_MOTION, REPORTED_ONLY, SPEED_AGAINST_ANGLE,
+    BUNCHED, FEW_ROWS, HELD, REPEATED_MOTION, REPORTED_ONLY, SPEED_AGAINST_ANGLE, UNLIKE_LOG,
 };
 
 /// Correlation of the residual with itself from which the verdict names it.
@@ -189,10 +189,8 @@ impl Report {
     /// What the data themselves say against the answer.
     fn doubts(&self) -> String {
         let mut out = String::new();
-        if let Some(what) = self.finding(LEFT_OUT) {
-            out += &format!(" {}.", capitalised(what));
-        }
-        if let Some(what) = self.finding(LINE_OF_INPUT) {
+        let seen = [UNLIKE_LOG, LEFT_OUT, LINE_OF_INPUT].map(|check| self.finding(check));
+        for what in seen.into_iter().flatten() {
             out += &format!(" {}.", capitalised(what));
         }
         if self.flawed(SPEED_AGAINST_ANGLE) {

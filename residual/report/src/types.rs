@@ -8,6 +8,7 @@ use super::{DeclaredTerm, Figures, ModelTest, Rival, Structure, Verdict};
 use residual_columns::nan;
 use residual_effects::{EffectKind, Form};
 use residual_evidence::attribution::EqualPath;
+use residual_evidence::by_log::LogError;
 use residual_evidence::check::Check;
 use residual_log::finding::Finding;
 use residual_log::spec::Spec;
@@ -171,6 +172,9 @@ pub struct Report {
     /// judged.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub paths_not_judged: usize,
+    /// Error of each log; empty for a single one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub by_log: Vec<LogError>,
     /// Structure that no effect of the catalogue explains, largest first.
     pub structure: Vec<Structure>,
     /// Effects that are significant but too small to count.
