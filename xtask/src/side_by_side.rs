@@ -26,7 +26,7 @@ pub const RUNNER: &str = "note-test-executable";
 
 /// Executables that take longest, longest first, as the logs of the steps `host` and `emulated`
 /// printed them on two cores (26 to 140 s). They start first, so that none runs alone at the end.
-const LONGEST: [&str; 14] = [
+const LONGEST: [&str; 15] = [
     "analysis",
     "first_day",
     "mistakes",
@@ -41,6 +41,7 @@ const LONGEST: [&str; 14] = [
     "program",
     "holding",
     "calibration",
+    "network",
 ];
 
 /// An executable as cargo would start it.

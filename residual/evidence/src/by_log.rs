@@ -61,7 +61,7 @@ pub fn unlike_logs(logs: &[LogError], unit: &str) -> Option<Finding> {
         .map(|log| format!("{}: {} {unit}", log.file, num(log.final_rmse)));
     let what = format!(
         "few logs are unlike the others: a held-out RMSE of more than {UNLIKE} times the median of the others, {} {unit} ({}). \
-         Something acts in them that does not in the others; analyse them by themselves, or without them",
+         Analyse them by themselves, and the others without them",
         num(of_others),
         each.collect::<Vec<_>>().join(", ")
     );

@@ -605,6 +605,38 @@ fn check_data_say_whether_what_was_found_holds_elsewhere() {
     assert_eq!(report.verdict, Verdict::Unknown);
 }
 
+/// One log of five has noise of its own that no column shows.
+#[test]
+fn each_log_has_its_error_and_the_one_that_is_unlike_is_named() {
+    let folder = Folder::new();
+    let files = |louder: u64| -> Vec<PathBuf> {
+        let one = |run: u64| {
+            let mut rows = rows(run, 1500);
+            if run == louder {
+                for (i, row) in rows.iter_mut().enumerate() {
+                    row[1] += hash(i, 1000) + hash(i, 1001);
+                }
+            }
+            folder.put(&format!("log-{run}.csv"), &csv(&rows))
+        };
+        (0..5).map(one).collect()
+    };
+    let report = analyse(&files(9), MODEL).unwrap();
+    assert_coulomb(&report);
+    assert_eq!(report.by_log.len(), 5);
+    for log in &report.by_log {
+        assert_eq!(log.rows, 1500);
+        assert!(log.declared_rmse > 0.45 && log.final_rmse < 0.1, "{log:?}");
+    }
+    assert!(report.hygiene.iter().all(|f| f.check != "unlike log"));
+    let report = analyse(&files(3), MODEL).unwrap();
+    let words = report.summary();
+    assert!(words.contains("unlike the others"), "{words}");
+    assert!(words.contains("(log-3.csv: 0.8"), "{words}");
+    let page = report.markdown();
+    assert!(page.contains("| log-3.csv | 1500 | "), "{page}");
+}
+
 #[test]
 fn a_wrong_time_base_and_a_repeated_motion_are_noted() {
     let folder = Folder::new();
