@@ -99,7 +99,10 @@ mod tests {
     #[test]
     fn a_single_log_has_no_table() {
         let rows: Vec<f64> = (0..40).map(f64::from).collect();
-        let data = Data::from_columns(rows.clone(), [("target", rows.clone())]);
-        assert_eq!(by_log(&rows, &rows, &data.build().unwrap()), []);
+        let data = Data::from_columns(rows.clone(), [("target", rows.clone())])
+            .groups((0..40).map(|i| i / 10).collect())
+            .build()
+            .unwrap();
+        assert_eq!(by_log(&rows, &rows, &data), []);
     }
 }
