@@ -304,6 +304,7 @@ mod tests {
         );
         assert_eq!(file_name_part("Labor \u{d6}"), "Labor--d6");
     }
+
     #[test]
     fn zeros_are_kept_with_their_time_and_a_disabled_unit_keeps_its_own() {
         let folder = tempfile::tempdir().unwrap();

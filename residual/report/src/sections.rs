@@ -14,7 +14,7 @@ pub(super) const UNEXPLAINED: &str = "Unexplained structure";
 /// Heading of the section on flaws of the data.
 pub(super) const CHECKS: &str = "Checks of the data";
 
-/// Logs in the table of their errors; a page more helps nobody.
+/// Logs in the table of their errors, which fits on a page; `report.json` has all.
 const LOGS_SHOWN: usize = 20;
 
 impl Report {
