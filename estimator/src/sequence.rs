@@ -29,6 +29,17 @@ impl Sequence {
         self.input.len() / self.inputs
     }
 
+    /// The rows of the first `duration_s`; all where it has no more.
+    #[must_use]
+    pub fn beginning(&self, duration_s: f64) -> Self {
+        let rows = ((duration_s / self.step_s).round() as usize).min(self.rows());
+        Self {
+            input: self.input[..rows * self.inputs].to_vec(),
+            target: self.target[..rows * self.targets].to_vec(),
+            ..*self
+        }
+    }
+
     /// Inputs of a row.
     ///
     /// # Panics

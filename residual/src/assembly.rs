@@ -12,6 +12,7 @@ use residual_evidence::intervals::Parameters;
 use residual_evidence::leftover::Leftover;
 use residual_evidence::residual_tests::residual_tests;
 use residual_evidence::verdict::{verdict, Conditions};
+use residual_fit::problem::EVERYTHING;
 use residual_log::data::Data;
 use residual_report::{Ambiguity, Effect, NotMaterial, Report, Tested, SCHEMA_VERSION};
 use residual_search::declared;
@@ -213,6 +214,7 @@ fn effect(
             Build::Swap(s) | Build::SwapAll(s) => {
                 s.iter().map(|(n, t)| format!("{n} -> {t}")).collect()
             }
+            Build::Through(t) => vec![format!("{EVERYTHING} -> {t}")],
         },
         units: params
             .iter()

@@ -172,7 +172,7 @@ fn both_directions(search: &Search, ctx: &Context, own: &Chosen) -> Option<(Stri
 /// The slope of the prediction, where all of it is late: what is late is off by the delay times
 /// this slope. `None` for all other forms.
 fn slope(search: &Search, own: &Chosen, rest: &Fitted) -> Option<(String, Vec<f64>)> {
-    let Build::SwapAll(_) = (own.variant.build)(own.psi) else {
+    let (Build::SwapAll(_) | Build::Through(_)) = (own.variant.build)(own.psi) else {
         return None;
     };
     let view = search.problem.view(&rest.model.replaced).ok()?;

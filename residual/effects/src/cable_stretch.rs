@@ -19,6 +19,14 @@ const LONGEST: f64 = 10.0;
 /// Factor between values of a time constant.
 const FURTHER: f64 = 1.61;
 
+/// Time constants of a first-order lag that are tried, ascending.
+pub(super) fn lags(ctx: &Context) -> Vec<f64> {
+    // Rows may be much closer than the motion is fast.
+    let rows = (MOST_ROWS * ctx.dt).min(ctx.span / 8.0);
+    let motion = (LONGEST * ctx.changes_in(&ctx.load)).min(ctx.span / 4.0);
+    Context::grid_by_ratio(0.03 * ctx.dt, rows.max(motion), FURTHER)
+}
+
 pub struct CableStretch;
 
 /// Labels of the spring: over an arc on which a weight looks different, and over a shorter one.
@@ -78,10 +86,7 @@ impl Effect for CableStretch {
         let mut out = Vec::new();
         let declared = ctx.declared_columns();
         if declared.iter().any(|d| d == "command") {
-            // Rows may be much closer than the motion is fast.
-            let rows = (MOST_ROWS * ctx.dt).min(ctx.span / 8.0);
-            let motion = (LONGEST * ctx.changes_in(&ctx.load)).min(ctx.span / 4.0);
-            let grid = Context::grid_by_ratio(0.03 * ctx.dt, rows.max(motion), FURTHER);
+            let grid = lags(ctx);
             let mut lag = |label: &str, function: &'static str| {
                 let psi = Psi::new("time_constant", "s", grid.clone());
                 let form = Variant::profiled(label, psi, move |tau| {

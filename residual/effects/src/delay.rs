@@ -31,22 +31,9 @@ impl Effect for Delay {
         vec![Remedy::Delay((found.get)("delay"))]
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
-        let hold = || {
-            let rate = ctx
-                .problem
-                .values_per_s
-                .filter(|_| repeats(&ctx.problem.y))?;
-            let delay = e.get("delay")?;
-            (delay > 0.0 && delay <= 1.0 / rate).then(|| {
-                format!(
-                    "the target holds each of its values for {} s, which delays it as much",
-                    num(1.0 / rate)
-                )
-            })
-        };
         let ahead = "the target would be ahead of its cause; look at the time stamps of the logs";
         e.outside("delay", -ctx.dt, f64::INFINITY, ahead)
-            .or_else(hold)
+            .or_else(|| as_held(e.get("delay")?, ctx))
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let names = ctx.declared_columns();
@@ -103,6 +90,18 @@ impl Effect for Delay {
         }
         out
     }
+}
+
+/// Why a target that is late by so much is no effect: it holds its values for as long.
+pub(super) fn as_held(late: f64, ctx: &Context) -> Option<String> {
+    let of_values = ctx.problem.values_per_s;
+    let rate = of_values.filter(|_| repeats(&ctx.problem.y))?;
+    (late > 0.0 && late <= 1.0 / rate).then(|| {
+        format!(
+            "the target holds each of its values for {} s, which delays it as much",
+            num(1.0 / rate)
+        )
+    })
 }
 
 /// Share of the rows that repeat the value before from which they are fitted as they are.

@@ -103,6 +103,9 @@ kinds! {
     Delay "delay"
         "delay: the target follows the command after a fixed time (negative: the time stamps of the target are late)"
         "sweep the command up to half the sampling rate: a delay's phase grows in proportion to the frequency, without limit";
+    SensorLag "sensor_lag"
+        "lag of the reading: what acts on the target shows late, as behind a slow sensor or a filter of first order"
+        "step the force under constant conditions and log quickly: the reading approaches the new value exponentially, whatever made the step";
     ClockSkew "clock_skew"
         "clock skew: the clocks of command and target run at different rates, so the lag between them grows along the run"
         "repeat one sharp event at the start and at the end of a long run and compare the lag";

@@ -34,6 +34,7 @@ mod presliding;
 mod quadratic;
 mod quantisation;
 mod saturation;
+mod sensor_lag;
 mod spectrum;
 mod stribeck;
 mod tone;
@@ -67,6 +68,7 @@ pub const CATALOGUE: &[&dyn Effect] = &[
     &cable_stretch::CableStretch,
     &inertia::Inertia,
     &delay::Delay,
+    &sensor_lag::SensorLag,
     &clock_skew::ClockSkew,
     &saturation::Saturation,
     &quantisation::Quantisation,

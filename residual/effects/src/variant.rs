@@ -125,6 +125,9 @@ pub enum Build {
     /// Replaces columns inside declared terms and effects, found so far or later; no new
     /// coefficient.
     SwapAll(Vec<(String, String)>),
+    /// Sends every term, declared or of an effect found so far or later, through this expression, in
+    /// which [`EVERYTHING`] stands for it; no new coefficient. It is linear and has no column.
+    Through(String),
     /// Adds terms with the coefficient 1.
     Known(Vec<Piece>),
 }
@@ -341,7 +344,7 @@ impl Variant {
     pub fn pieces(&self, psi: f64) -> usize {
         match (self.build)(psi) {
             Build::Add(p) | Build::Local(p) => p.len(),
-            Build::Swap(_) | Build::SwapAll(_) | Build::Known(_) => 0,
+            Build::Swap(_) | Build::SwapAll(_) | Build::Through(_) | Build::Known(_) => 0,
         }
     }
 
@@ -359,7 +362,7 @@ impl Variant {
     pub fn params(&self, psi: f64, coef: &[f64]) -> Vec<Param> {
         let pieces = match (self.build)(psi) {
             Build::Add(p) | Build::Local(p) => p,
-            Build::Swap(_) | Build::SwapAll(_) | Build::Known(_) => vec![],
+            Build::Swap(_) | Build::SwapAll(_) | Build::Through(_) | Build::Known(_) => vec![],
         };
         if let (Some(d), Some(p)) = (self.derive, &self.psi) {
             return d(psi, coef, &pieces, p);

@@ -65,6 +65,7 @@ fn stands_for(kind: EffectKind) -> &'static [&'static str] {
         EffectKind::CableStretch => &["lag-first", "lag of the command"],
         EffectKind::Inertia => &["inertia", "reflected inertia"],
         EffectKind::Delay => &["delay", "clock offset"],
+        EffectKind::SensorLag => &["lag-first"],
         EffectKind::ClockSkew => &["clock-skew"],
         EffectKind::Saturation => &["clipping"],
         EffectKind::Quadratic => &["nonlinearity"],

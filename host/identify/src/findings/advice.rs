@@ -70,6 +70,7 @@ mod tests {
             "stribeck",
             "periodic_angle",
             "delay",
+            "sensor_lag",
         ];
         for name in residual::names() {
             assert_eq!(

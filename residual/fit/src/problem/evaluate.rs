@@ -6,6 +6,7 @@ use residual_columns::expr::Expr;
 use residual_columns::frame::Frame;
 use residual_columns::stats;
 use std::collections::{HashMap, VecDeque};
+use std::fmt;
 use std::sync::{Arc, MutexGuard, PoisonError, Weak};
 
 /// Most values that evaluated expressions may keep in memory (8 bytes each).
@@ -28,8 +29,32 @@ const FEWEST_IN_FITS: usize = 64;
 /// Twice the rows of the windows.
 const LARGE: usize = 120_000;
 
-/// Columns and the expressions that stand in their place.
-pub type Replaced = Vec<(String, Expr)>;
+/// Name that stands for a term in an expression through which every term goes.
+pub const EVERYTHING: &str = "everything";
+
+/// What a model replaces in every term, found or yet to be found.
+#[derive(Debug, Clone)]
+pub enum Replaced {
+    /// Columns, and the expressions that stand in their place.
+    Columns(Vec<(String, Expr)>),
+    /// The terms themselves: a linear expression of [`EVERYTHING`] and of no column.
+    Terms(Expr),
+}
+
+impl fmt::Display for Replaced {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Replaced::Columns(pairs) => pairs.iter().try_for_each(|(n, e)| write!(f, "{n}={e};")),
+            Replaced::Terms(through) => write!(f, "{EVERYTHING}={through};"),
+        }
+    }
+}
+
+/// A term that goes through an expression of [`EVERYTHING`].
+#[must_use]
+pub fn through_of(through: &Expr, term: &Expr) -> Expr {
+    through.substitute(&|name| (name == EVERYTHING).then(|| term.clone()))
+}
 
 /// The columns as a model sees them: some are replaced in every term, found or yet to be found.
 #[derive(Debug)]
@@ -37,6 +62,8 @@ pub struct View {
     key: String,
     /// The columns.
     pub frame: Frame,
+    /// What every term goes through.
+    through: Vec<Expr>,
 }
 
 impl View {
@@ -45,7 +72,14 @@ impl View {
         View {
             key: String::new(),
             frame,
+            through: vec![],
         }
+    }
+
+    /// A term as the model sees it, in the columns of the view.
+    fn seen(&self, e: &Expr) -> Expr {
+        let all = self.through.iter();
+        all.fold(e.clone(), |e, through| through_of(through, &e))
     }
 
     /// Distinguishes views.
@@ -127,19 +161,28 @@ impl Problem {
         if replaced.is_empty() {
             return Ok(self.plain.clone());
         }
-        let texts = replaced.iter().flatten().map(|(n, e)| format!("{n}={e};"));
-        let key: String = texts.collect();
+        let key: String = replaced.iter().map(Replaced::to_string).collect();
         if let Some(known) = self.cache().views.iter().find(|v| v.key == key) {
             return Ok(known.clone());
         }
         let mut frame = self.frame.clone();
-        for list in replaced {
-            let old = frame.clone();
-            for (name, e) in list {
-                frame.insert(name, e.eval(&old)?);
+        let mut through = Vec::new();
+        for one in replaced {
+            match one {
+                Replaced::Columns(pairs) => {
+                    let old = frame.clone();
+                    for (name, e) in pairs {
+                        frame.insert(name, e.eval(&old)?);
+                    }
+                }
+                Replaced::Terms(expr) => through.push(expr.clone()),
             }
         }
-        let view = Arc::new(View { key, frame });
+        let view = Arc::new(View {
+            key,
+            frame,
+            through,
+        });
         let mut cache = self.cache();
         cache.views.push_back(view.clone());
         let most = if self.is_large() { VIEWS_LARGE } else { VIEWS };
@@ -171,14 +214,14 @@ impl Problem {
     /// that are not finite become an error.
     pub fn eval(&self, view: &View, e: &Expr) -> Result<Column, Error> {
         self.cached(format!("{}{e}", view.key), true, || {
-            self.eval_on(&view.frame, e)
+            self.eval_on(&view.frame, &view.seen(e))
         })
     }
 
     /// The same for an expression as text; `keep` it only if it is likely to be used again.
     pub fn eval_text(&self, view: &View, text: &str, keep: bool) -> Result<Column, Error> {
         self.cached(format!("{}{text}", view.key), keep, || {
-            self.eval_on(&view.frame, &Expr::parse(text)?)
+            self.eval_on(&view.frame, &view.seen(&Expr::parse(text)?))
         })
     }
 
@@ -193,7 +236,7 @@ impl Problem {
         swapped: impl FnOnce() -> Result<&'a Frame, Error>,
     ) -> Result<Column, Error> {
         self.cached(format!("{}{pairs:?}{e}", view.key), keep, || {
-            self.eval_on(swapped()?, e)
+            self.eval_on(swapped()?, &view.seen(e))
         })
     }
 

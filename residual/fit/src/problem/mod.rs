@@ -14,7 +14,7 @@ mod thin;
 
 pub use ends::half_step;
 use evaluate::Cache;
-pub use evaluate::{Replaced, View};
+pub use evaluate::{through_of, Replaced, View, EVERYTHING};
 pub use scores::{profile, Scores};
 pub use sums::{Known, Sums, RANK_TOL};
 

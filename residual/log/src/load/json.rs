@@ -14,10 +14,25 @@ use std::fmt::Write as _;
 /// Whether a text begins as JSON does.
 pub(super) fn is_json(head: &[u8]) -> bool {
     let mut bytes = head.iter().filter(|b| !b.is_ascii_whitespace());
-    matches!(
-        (bytes.next(), bytes.next()),
-        (Some(b'{'), Some(b'"' | b'}')) | (Some(b'['), Some(b'{' | b'[' | b'-' | b'0'..=b'9'))
-    )
+    match (bytes.next(), bytes.next()) {
+        (Some(b'{'), Some(b'"' | b'}')) | (Some(b'['), Some(b'{' | b'[')) => true,
+        (Some(b'['), Some(b'-' | b'0'..=b'9')) => begins_with_a_list(head),
+        _ => false,
+    }
+}
+
+/// Whether the first line is a list of numbers, or the beginning of one. Other logs have a number
+/// in brackets before their values: a level, a channel, the time of a console.
+fn begins_with_a_list(head: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(head);
+    let mut lines = text.trim_start().lines();
+    let first = lines.next().unwrap_or("").trim().trim_end_matches(',');
+    match first.find(']') {
+        Some(end) => end + 1 == first.len() && first.contains(','),
+        None => first
+            .chars()
+            .all(|c| c.is_ascii_digit() || "[,.+-eE \t".contains(c)),
+    }
 }
 
 /// A value, with the names of an object in the order of the file.
@@ -333,6 +348,27 @@ mod tests {
                 as_csv(text.as_bytes()).unwrap(),
                 "column_1,column_2\n1,2\n3,4\n"
             );
+        }
+    }
+
+    #[test]
+    fn a_number_in_brackets_is_no_json() {
+        for text in [
+            "[1]\n0.1 2.5\n0.2 2.6\n",
+            "[0.125] 2.5, 3.5\n[0.250] 2.6, 3.4\n",
+            "[2024-05-01 10:00:00] 2.5\n",
+            "[12:30:01",
+            "[1 warm start",
+        ] {
+            assert!(!is_json(text.as_bytes()), "{text}");
+        }
+        for text in [
+            "[\n  1,\n  2\n]",
+            "[1, 2],\n[3, 4]",
+            "[-1.5, 2e3, 7",
+            " [1,2]",
+        ] {
+            assert!(is_json(text.as_bytes()), "{text}");
         }
     }
 

@@ -3,7 +3,7 @@
 use residual_columns::error::Error;
 use residual_columns::expr::Expr;
 use residual_effects::{Build, EffectKind, EffectRef, Variant};
-use residual_fit::problem::Replaced;
+use residual_fit::problem::{through_of, Replaced};
 use residual_log::spec::Spec;
 use std::sync::Arc;
 
@@ -58,14 +58,17 @@ impl Chosen {
     }
 }
 
-fn parsed(pairs: &[(String, String)]) -> Result<Replaced, Error> {
+/// Columns and what stands in their place.
+type Pairs = Vec<(String, Expr)>;
+
+fn parsed(pairs: &[(String, String)]) -> Result<Pairs, Error> {
     pairs
         .iter()
         .map(|(n, t)| Ok((n.clone(), Expr::parse(t)?)))
         .collect()
 }
 
-fn replace(expr: &Expr, pairs: &Replaced) -> Expr {
+fn replace(expr: &Expr, pairs: &Pairs) -> Expr {
     expr.substitute(&|n| {
         pairs
             .iter()
@@ -79,8 +82,8 @@ fn replace(expr: &Expr, pairs: &Replaced) -> Expr {
 pub struct Model {
     /// The terms, declared ones first.
     pub terms: Vec<WorkTerm>,
-    /// Columns that chosen effects replaced in everything, in terms that come later as well. The
-    /// terms are written without it; see [`Model::written_out`].
+    /// What chosen effects replaced in everything, in terms that come later as well. The terms are
+    /// written without it; see [`Model::written_out`].
     pub replaced: Vec<Replaced>,
 }
 
@@ -112,7 +115,10 @@ impl Model {
         self.replaced
             .iter()
             .rev()
-            .fold(expr.clone(), |e, pairs| replace(&e, pairs))
+            .fold(expr.clone(), |e, replaced| match replaced {
+                Replaced::Columns(pairs) => replace(&e, pairs),
+                Replaced::Terms(through) => through_of(through, &e),
+            })
     }
 
     /// Adds one effect at `psi`, as choice number `index`.
@@ -136,7 +142,8 @@ impl Model {
                     t.expr = replace(&t.expr, &pairs);
                 }
             }
-            Build::SwapAll(pairs) => self.replaced.push(parsed(pairs)?),
+            Build::SwapAll(pairs) => self.replaced.push(Replaced::Columns(parsed(pairs)?)),
+            Build::Through(text) => self.replaced.push(Replaced::Terms(Expr::parse(text)?)),
         }
         Ok(())
     }
@@ -144,10 +151,10 @@ impl Model {
     /// Text that is the same for equal models.
     pub fn key(&self) -> String {
         let terms = self.terms.iter();
-        let replaced = self.replaced.iter().flatten();
+        let replaced = self.replaced.iter();
         terms
             .map(|t| format!("{} {:?} {}\n", t.expr, t.fixed, t.local))
-            .chain(replaced.map(|(n, e)| format!("{n} = {e}\n")))
+            .chain(replaced.map(|r| format!("{r}\n")))
             .collect()
     }
 

@@ -65,8 +65,8 @@ impl Scan<'_> {
         let (x, _) = sums.fit(None);
         let own = x.get(self.fit.x.len()..).unwrap_or(&[]);
         variant.possible.as_ref().is_none_or(|holds| {
-            let swapped = matches!(build, Build::Swap(_) | Build::SwapAll(_) | Build::Known(_));
-            holds(psi, if swapped { &[] } else { own })
+            let with_coefficients = matches!(build, Build::Add(_) | Build::Local(_));
+            holds(psi, if with_coefficients { own } else { &[] })
         }) && variant.adds_to_friction.is_none_or(|piece| {
             // Squares with it and without: friction that is all in this piece has no sign to go
             // against.

@@ -20,14 +20,14 @@ pub use grid::{bracket, reach, vertex, FINE};
 pub use setpoint::Instruments;
 pub use significance::t_statistic;
 
-use crate::model::{Chosen, Fit, Fitted, Model};
+use crate::model::{Chosen, Fit, Fitted, Model, WorkTerm};
 use rayon::prelude::*;
 use residual_columns::error::Error;
 use residual_columns::expr::Expr;
 use residual_columns::frame::Frame;
 use residual_columns::linalg::similarity;
 use residual_effects::{Build, Lookalike, Piece, Variant};
-use residual_fit::problem::{slices, Column, Known, Problem, Scores, Sums};
+use residual_fit::problem::{slices, through_of, Column, Known, Problem, Scores, Sums};
 use residual_log::spec::Spec;
 use std::cell::OnceCell;
 
@@ -95,9 +95,16 @@ impl<'a> Scan<'a> {
         match build {
             Build::Add(pieces) => self.sums_with(pieces, keep),
             Build::Local(pieces) => self.sums_of(pieces, keep),
-            Build::Swap(pairs) => self.sums_swapped(pairs, false, &[], keep),
-            Build::SwapAll(pairs) => self.sums_swapped(pairs, true, &[], keep),
-            Build::Known(pieces) => self.sums_swapped(&[], false, pieces, keep),
+            Build::Swap(pairs) => {
+                let of_declared = |t: &WorkTerm| t.chosen.is_none();
+                self.sums_swapped(pairs, &of_declared, None, &[], keep)
+            }
+            Build::SwapAll(pairs) => self.sums_swapped(pairs, &|_| true, None, &[], keep),
+            Build::Through(text) => {
+                let through = Expr::parse(text)?;
+                self.sums_swapped(&[], &|_| true, Some(&through), &[], keep)
+            }
+            Build::Known(pieces) => self.sums_swapped(&[], &|_| false, None, pieces, keep),
         }
     }
 
@@ -154,12 +161,13 @@ impl<'a> Scan<'a> {
         })
     }
 
-    /// Sums of the model's terms with columns replaced, in the declared terms or `everywhere`, and
-    /// with terms added that have the coefficient 1.
+    /// Sums of the model's terms with columns replaced in some of them, or those terms sent
+    /// `through` an expression, and with terms added that have the coefficient 1.
     fn sums_swapped(
         &self,
         pairs: &[(String, String)],
-        everywhere: bool,
+        of: &dyn Fn(&WorkTerm) -> bool,
+        through: Option<&Expr>,
         added: &[Piece],
         keep: bool,
     ) -> Result<Applied, Error> {
@@ -185,11 +193,11 @@ impl<'a> Scan<'a> {
         }
         for t in self.model.terms.iter().filter(|t| !t.local) {
             let names = t.expr.names();
-            let touched = (everywhere || t.chosen.is_none())
-                && pairs.iter().any(|(name, _)| names.contains(name));
+            let has_one = || pairs.iter().any(|(name, _)| names.contains(name));
+            let touched = of(t) && (through.is_some() || has_one());
             let v = if touched {
-                self.problem
-                    .eval_swapped(view, pairs, &t.expr, keep, swapped)?
+                let e = through.map_or_else(|| t.expr.clone(), |f| through_of(f, &t.expr));
+                self.problem.eval_swapped(view, pairs, &e, keep, swapped)?
             } else {
                 self.problem.eval(view, &t.expr)?
             };

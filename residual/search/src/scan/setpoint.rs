@@ -19,15 +19,17 @@ const DISTANCES: [f64; 3] = [0.02, 0.1, 0.4];
 impl Scan<'_> {
     /// Whether a form is built from the command.
     pub fn built_on_command(&self, variant: &Variant, psi: f64) -> bool {
+        let of_command = |e: &Expr| e.names().contains("command");
         let texts: Vec<String> = match (variant.build)(psi) {
             Build::Add(p) | Build::Local(p) | Build::Known(p) => {
                 p.into_iter().map(|p| p.text).collect()
             }
             Build::Swap(s) | Build::SwapAll(s) => s.into_iter().map(|(n, _)| n).collect(),
+            Build::Through(_) => return self.model.terms.iter().any(|t| of_command(&t.expr)),
         };
         texts
             .iter()
-            .any(|t| Expr::parse(t).is_ok_and(|e| e.names().contains("command")))
+            .any(|t| Expr::parse(t).is_ok_and(|e| of_command(&e)))
     }
 
     /// How much the setpoint confirms of a form that adds `added` to the prediction: 1 if the part

@@ -26,6 +26,7 @@ mod presliding;
 mod quadratic;
 mod quantisation;
 mod saturation;
+mod sensor_lag;
 mod stribeck;
 mod tone;
 mod viscous;
