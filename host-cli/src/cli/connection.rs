@@ -610,10 +610,11 @@ fn folders() -> String {
     names.join(", ")
 }
 
-/// Whether an embedded rig is kept under the default name.
+/// Whether an embedded rig is kept under the default name, or is being brought up to be.
 #[cfg(unix)]
 fn kept() -> bool {
-    socket::running().iter().any(|name| *name == default_name())
+    let name = default_name();
+    socket::running().contains(&name) || socket::is_starting(&name)
 }
 
 #[cfg(not(unix))]

@@ -51,7 +51,7 @@ impl Rig {
             .name
             .clone()
             .unwrap_or_else(|| socket::EMBEDDED_NAME.to_owned());
-        let listening = serve::listen(&name)?;
+        let reserved = serve::reserve(&name)?;
         let tcp = self.listen.tcp()?;
         let _controlled_stop = context.interrupt.controlled_stop();
         let options = EmbeddedOptions {
@@ -82,6 +82,8 @@ impl Rig {
         };
         watch.progress.done();
         prepared?;
+        // Nobody can connect before: there is nobody yet who would answer.
+        let listening = serve::listen(reserved, &name)?;
         let options = ServeOptions {
             name,
             rig_file: (text.name, text.text),

@@ -6,7 +6,7 @@ use clap::Args;
 use rig::{LinkChoice, RigText};
 use service::protocol::Call;
 use service::server::{Addresses, ServeError};
-use service::socket::{self, Listening};
+use service::socket::{self, Listening, Reserved};
 use service::{serve, Client, ServeOptions, ServiceError};
 use session::link::port::Port;
 use session::link::{self, EmbeddedOptions, RigLink};
@@ -16,10 +16,14 @@ use std::net::SocketAddr;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// A service that was started on demand ends after so long without clients.
 const IDLE_END: Duration = Duration::from_secs(10);
+/// How long a command waits for a rig that is being brought up: an emulated one takes 4 s, and some
+/// times as long on a busy computer.
+const BRING_UP_TIMEOUT: Duration = Duration::from_secs(60);
 /// How long a service that was started on demand may take until it listens.
 const START_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -167,7 +171,7 @@ impl Serve {
             return Err(Failure::new(exit::LINK, ServeError::Running(name)));
         }
         let link = open()?;
-        let listening = listen(&name)?;
+        let listening = listen(reserve(&name)?, &name)?;
         let options = ServeOptions {
             name,
             rig_file: (text.name, text.text),
@@ -183,15 +187,24 @@ impl Serve {
     }
 }
 
-/// Takes the socket of a rig.
-pub fn listen(name: &str) -> Result<Listening> {
-    Listening::bind(name).map_err(|error| {
+/// Takes the name of a rig.
+pub fn reserve(name: &str) -> Result<Reserved> {
+    Reserved::take(name).map_err(|error| {
         if error.kind() == std::io::ErrorKind::AddrInUse {
             Failure::new(exit::LINK, ServeError::Running(name.to_owned()))
         } else {
-            Failure::new(exit::LINK, format!("the socket of rig `{name}`: {error}"))
+            no_socket(name, &error)
         }
     })
+}
+
+/// Takes the socket of a rig whose name was taken.
+pub fn listen(reserved: Reserved, name: &str) -> Result<Listening> {
+    reserved.listen().map_err(|error| no_socket(name, &error))
+}
+
+fn no_socket(name: &str, error: &std::io::Error) -> Failure {
+    Failure::new(exit::LINK, format!("the socket of rig `{name}`: {error}"))
 }
 
 /// Serves until the end.
@@ -239,6 +252,30 @@ fn announcement(name: &str, link: &str, addresses: &Addresses, page: Option<&str
     text
 }
 
+/// Connects to a service; waits for one whose rig is being brought up.
+fn connect_to(
+    name: &str,
+    client_name: &str,
+    context: &Context,
+) -> std::result::Result<Client, ServiceError> {
+    let until = Instant::now() + BRING_UP_TIMEOUT;
+    let mut told = false;
+    loop {
+        match Client::connect(name, client_name) {
+            Err(ServiceError::Starting { .. })
+                if Instant::now() < until && !context.interrupt.flag().load(Ordering::Relaxed) =>
+            {
+                if !std::mem::replace(&mut told, true) {
+                    let waits = format!("rig `{name}` is being brought up; waiting for it ...");
+                    context.output.note(&waits);
+                }
+                std::thread::sleep(Duration::from_millis(100));
+            }
+            connected => return connected,
+        }
+    }
+}
+
 /// Connects to the service of a rig; starts it where it does not run and the rig is a board.
 pub fn connect(
     name: &str,
@@ -247,7 +284,7 @@ pub fn connect(
     context: &Context,
 ) -> Result<Client> {
     let client_name = client_name();
-    match (Client::connect(name, &client_name), start) {
+    match (connect_to(name, &client_name, context), start) {
         // No service can open a port that is not there, and opening it says so.
         (
             Err(ServiceError::NotRunning { .. } | ServiceError::Io { .. }),

@@ -38,6 +38,14 @@ pub enum ServiceError {
         /// Rigs whose service answers.
         running: Vec<String>,
     },
+    /// Its service does not listen yet.
+    #[error(
+        "rig `{name}` is being brought up; try again when its terminal says that it is served"
+    )]
+    Starting {
+        /// The rig.
+        name: String,
+    },
     /// The connection broke.
     #[error("the service of rig `{name}` can't be reached: {cause}; a board without setpoints goes to 0 V within 100 ms")]
     Io {
@@ -116,6 +124,9 @@ impl Client {
             cause: error.to_string(),
         };
         let stream = UnixStream::connect(path).map_err(|error| match error.kind() {
+            ErrorKind::NotFound if socket::is_reserved(path) => ServiceError::Starting {
+                name: name.to_owned(),
+            },
             ErrorKind::NotFound | ErrorKind::ConnectionRefused => ServiceError::NotRunning {
                 name: name.to_owned(),
                 running: socket::running(),

@@ -296,6 +296,68 @@ pub fn of(name: &str) -> io::Result<PathBuf> {
     Ok(answers.map_or(usual, |socket| socket.path))
 }
 
+/// The name of a rig, taken before anybody can connect: a rig that is being brought up.
+#[derive(Debug)]
+pub struct Reserved {
+    path: PathBuf,
+    lock: fs::File,
+}
+
+impl Reserved {
+    /// Takes the name of a rig. A socket that a killed service left behind is removed.
+    ///
+    /// # Errors
+    /// A service for this rig runs already ([`io::ErrorKind::AddrInUse`]), or the folder is not
+    /// usable.
+    pub fn take(name: &str) -> io::Result<Self> {
+        make_folder()?;
+        Self::take_at(path_of(name)?)
+    }
+
+    fn take_at(path: PathBuf) -> io::Result<Self> {
+        let lock = fs::File::options()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(path.with_extension("lock"))?;
+        if lock.try_lock().is_err() {
+            return Err(io::ErrorKind::AddrInUse.into());
+        }
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => Ok(Self { path, lock }),
+        }
+    }
+
+    /// Listens.
+    ///
+    /// # Errors
+    /// Those of the operating system.
+    pub fn listen(self) -> io::Result<Listening> {
+        let listener = UnixListener::bind(&self.path)?;
+        fs::set_permissions(&self.path, fs::Permissions::from_mode(0o600))?;
+        Ok(Listening {
+            listener,
+            _announced: announce(&self.path),
+            path: self.path,
+            lock: self.lock,
+        })
+    }
+}
+
+/// Whether a rig with this name is being brought up: its name is taken, and nobody listens yet.
+#[must_use]
+pub fn is_starting(name: &str) -> bool {
+    path_of(name).is_ok_and(|path| !path.exists() && is_reserved(&path))
+}
+
+/// Whether somebody has taken the name of the rig that nobody listens for at this socket.
+pub(super) fn is_reserved(path: &Path) -> bool {
+    // Opened for reading only: a name that nobody ever took is not taken by this look.
+    fs::File::open(path.with_extension("lock"))
+        .is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(fs::TryLockError::WouldBlock)))
+}
+
 /// A listening socket that removes itself.
 #[derive(Debug)]
 pub struct Listening {
@@ -312,11 +374,9 @@ impl Listening {
     /// Listens for a rig. A socket that a killed service left behind is replaced.
     ///
     /// # Errors
-    /// A service for this rig runs already ([`io::ErrorKind::AddrInUse`]), or the folder is not
-    /// usable.
+    /// As [`Reserved::take`].
     pub fn bind(name: &str) -> io::Result<Self> {
-        make_folder()?;
-        Self::bind_at(path_of(name)?)
+        Reserved::take(name)?.listen()
     }
 
     /// Listens on this socket.
@@ -324,26 +384,7 @@ impl Listening {
     /// # Errors
     /// As [`Listening::bind`].
     pub fn bind_at(path: PathBuf) -> io::Result<Self> {
-        let lock = fs::File::options()
-            .create(true)
-            .truncate(false)
-            .write(true)
-            .open(path.with_extension("lock"))?;
-        if lock.try_lock().is_err() {
-            return Err(io::ErrorKind::AddrInUse.into());
-        }
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => {}
-        }
-        let listener = UnixListener::bind(&path)?;
-        fs::set_permissions(&path, fs::Permissions::from_mode(0o600))?;
-        Ok(Self {
-            listener,
-            _announced: announce(&path),
-            path,
-            lock,
-        })
+        Reserved::take_at(path)?.listen()
     }
 
     /// Notes this process and its link beside the socket, for whoever finds that it does not
@@ -394,6 +435,26 @@ mod tests {
         }
         let error = of(&[("TMPDIR", "/tmp")]).unwrap_err().to_string();
         assert!(error.contains(FOLDER_VARIABLE), "{error}");
+    }
+
+    #[test]
+    fn a_rig_that_is_brought_up_is_told_from_one_that_is_not_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rig.sock");
+        assert!(!is_reserved(&path));
+        let reserved = Reserved::take_at(path.clone()).unwrap();
+        assert!(is_reserved(&path) && !path.exists());
+        let error = Reserved::take_at(path.clone()).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::AddrInUse);
+        let starting = |path: &Path| {
+            let connected = crate::Client::connect_at(path, "rig", "a test");
+            matches!(connected, Err(crate::ServiceError::Starting { .. }))
+        };
+        assert!(starting(&path));
+        let listening = reserved.listen().unwrap();
+        assert!(path.exists());
+        drop(listening);
+        assert!(!is_reserved(&path) && !starting(&path));
     }
 
     #[test]
