@@ -125,8 +125,8 @@ pub enum Build {
     /// Replaces columns inside declared terms and effects, found so far or later; no new
     /// coefficient.
     SwapAll(Vec<(String, String)>),
-    /// Sends every term, declared or of an effect found so far or later, through this expression, in
-    /// which [`EVERYTHING`] stands for it; no new coefficient. It is linear and has no column.
+    /// Sends every term, declared or of an effect found so far or later, through this expression,
+    /// in which `everything` stands for it; no new coefficient. It is linear and has no column.
     Through(String),
     /// Adds terms with the coefficient 1.
     Known(Vec<Piece>),
