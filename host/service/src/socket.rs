@@ -324,7 +324,7 @@ impl Reserved {
             return Err(io::ErrorKind::AddrInUse.into());
         }
         match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
             _ => Ok(Self { path, lock }),
         }
     }
