@@ -13,6 +13,7 @@ use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::os::unix::net::{UnixDatagram, UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Variable with the folder of the sockets.
 pub const FOLDER_VARIABLE: &str = "FORCECTL_RUNTIME_DIR";
@@ -296,6 +297,11 @@ pub fn of(name: &str) -> io::Result<PathBuf> {
     Ok(answers.map_or(usual, |socket| socket.path))
 }
 
+/// Further tries to take a name, and the time before each: a look at it ([`is_reserved`]) has its
+/// lock for some microseconds.
+const LOCK_TRIES: u32 = 3;
+const LOCK_WAIT: Duration = Duration::from_millis(10);
+
 /// The name of a rig, taken before anybody can connect: a rig that is being brought up.
 #[derive(Debug)]
 pub struct Reserved {
@@ -320,8 +326,12 @@ impl Reserved {
             .truncate(false)
             .write(true)
             .open(path.with_extension("lock"))?;
-        if lock.try_lock().is_err() {
-            return Err(io::ErrorKind::AddrInUse.into());
+        let mut tries = 0..LOCK_TRIES;
+        while lock.try_lock().is_err() {
+            if tries.next().is_none() {
+                return Err(io::ErrorKind::AddrInUse.into());
+            }
+            std::thread::sleep(LOCK_WAIT);
         }
         match fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
@@ -455,6 +465,15 @@ mod tests {
         assert!(path.exists());
         drop(listening);
         assert!(!is_reserved(&path) && !starting(&path));
+        // Somebody looks at the name just when it is taken.
+        let look = fs::File::open(path.with_extension("lock")).unwrap();
+        look.lock_shared().unwrap();
+        let looks = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(5));
+            drop(look);
+        });
+        assert!(Reserved::take_at(path).is_ok());
+        looks.join().unwrap();
     }
 
     #[test]
