@@ -136,31 +136,23 @@ pub struct Replay {
     pub seed: u64,
 }
 
-/// What of each training trial is looked at for its error, s: a column that is wrong is wrong from
-/// the start, and a network takes minutes for all rows. The first 10 s of a stretch do not count.
+/// How much of the longest stretch of each training trial is looked at for its error, s: a column
+/// that is wrong is wrong from the start, and a network of a window has to go over it for every
+/// row. The first 10 s of a stretch do not count.
 const LOOKED_AT_S: f64 = 90.0;
 
 /// Says which few training trials have an error far above that of the others: a column of theirs
 /// may be reversed, scaled, or that of something else.
 #[must_use]
 pub fn unlike_trials(estimator: &Estimator, training: &[&Sequence]) -> Option<String> {
-    let mut left_s = LOOKED_AT_S;
-    let mut trial = None;
-    let mut beginnings = Vec::new();
-    for sequence in training {
-        if trial.replace(sequence.trial) != Some(sequence.trial) {
-            left_s = LOOKED_AT_S;
-        }
-        let beginning = sequence.beginning(left_s);
-        left_s -= beginning.rows() as f64 * sequence.step_s;
-        beginnings.push(beginning);
-    }
-    let beginnings: Vec<&Sequence> = beginnings.iter().filter(|s| s.rows() > 0).collect();
+    let of_one_trial = training.chunk_by(|a, b| a.trial == b.trial);
+    let longest = of_one_trial.filter_map(|own| own.iter().max_by_key(|s| s.rows()));
+    let beginnings: Vec<Sequence> = longest.map(|s| s.beginning(LOOKED_AT_S)).collect();
     let trials = compare(
         estimator.model(),
         &estimator.base,
         &estimator.axes,
-        &beginnings,
+        &beginnings.iter().collect::<Vec<_>>(),
     );
     let errors = metrics::by_trial(&trials);
     let (unlike, of_others) = residual::few_unlike(&errors)?;
