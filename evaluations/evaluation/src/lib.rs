@@ -5,10 +5,10 @@
 //! A program declares its options as a [`clap::Parser`], whose comments are its help, and hands
 //! over to [`run`].
 
+pub mod checkpoint;
 mod progress;
 
 pub use clap;
-pub use progress::Progress;
 
 use clap::Parser;
 use std::ops::RangeInclusive;

@@ -1,17 +1,16 @@
 //! Many cases: in parallel, in shards, resumed where they stopped, merged from files.
 //!
-//! A file has one outcome a line, in JSON, below a line that says what they are of. Case n of a
-//! seed is the same in every run of the same program, so files of shards, and of runs that were cut
-//! off, add up to one campaign. Outcomes of an older program do not count: they are put aside.
+//! Case n of a seed is the same in every run of the same program, so files of shards, and of runs
+//! that were cut off, add up to one campaign.
 
 use crate::case::{run_on, Bases};
 use crate::injection::Plan;
 use crate::outcome::Outcome;
+use evaluation::checkpoint::{self, Checkpoint};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{File, OpenOptions};
-use std::hash::{DefaultHasher, Hasher};
-use std::io::{self, BufRead, BufReader, Write};
+use std::fmt::{self, Display};
+use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Mutex;
@@ -21,32 +20,16 @@ use std::time::Instant;
 /// the force limit of 16 N. With the amplifier's own 6 A a wrong word can pull with 116 N.
 pub const CURRENT_LIMIT_A: f64 = 0.9;
 
-/// What the outcomes of a file are of: its first line.
+/// What the outcomes of a file are of, beside the program, firmware's core included.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Origin {
-    /// Hash of the program, firmware's core included.
-    program: String,
     seed: u64,
     current_limit_a: f64,
 }
 
-impl Origin {
-    fn of(campaign: &Campaign) -> io::Result<Self> {
-        let mut hasher = DefaultHasher::new();
-        hasher.write(&std::fs::read(std::env::current_exe()?)?);
-        Ok(Self {
-            program: format!("{:016x}", hasher.finish()),
-            seed: campaign.seed,
-            current_limit_a: campaign.current_limit_a,
-        })
-    }
-
-    /// That of a file; `None` where it has none.
-    fn read(file: &Path) -> io::Result<Option<Self>> {
-        let first = BufReader::new(File::open(file)?).lines().next();
-        Ok(first
-            .transpose()?
-            .and_then(|line| serde_json::from_str(&line).ok()))
+impl Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "seed {} at {} A", self.seed, self.current_limit_a)
     }
 }
 
@@ -80,14 +63,12 @@ impl Campaign {
     /// # Errors
     /// The file cannot be read or written, or is of another seed or current limit.
     pub fn run(&self, file: &Path) -> io::Result<()> {
-        let origin = Origin::of(self)?;
-        let done = self.done(file, &origin)?;
-        let open = self.open(&done);
-        let mut out = OpenOptions::new().create(true).append(true).open(file)?;
-        if out.metadata()?.len() == 0 {
-            writeln!(out, "{}", serde_json::to_string(&origin)?)?;
-        }
-        let out = Mutex::new(out);
+        let origin = Origin {
+            seed: self.seed,
+            current_limit_a: self.current_limit_a,
+        };
+        let (out, done) = Checkpoint::open::<_, Outcome>(file, &origin)?;
+        let open = self.open(&done.iter().map(|outcome| outcome.number).collect());
         if open.is_empty() {
             return Ok(());
         }
@@ -104,7 +85,7 @@ impl Campaign {
                         let plan = Plan::draw(self.seed, number);
                         let rig = lock(&bases).rig(&plan);
                         let outcome = run_on(rig, number, plan);
-                        if let Err(error) = append(&out, &outcome) {
+                        if let Err(error) = out.append(&outcome) {
                             *lock(&failed) = Some(error);
                             return;
                         }
@@ -120,43 +101,10 @@ impl Campaign {
     }
 }
 
-impl Campaign {
-    /// Cases that `file` has of this program. A file of another program is put aside.
-    fn done(&self, file: &Path, origin: &Origin) -> io::Result<BTreeSet<u64>> {
-        if !file.exists() {
-            return Ok(BTreeSet::new());
-        }
-        match Origin::read(file)? {
-            Some(found) if found == *origin => Ok(read(file)?.1.into_keys().collect()),
-            Some(found) if found.program == origin.program => Err(io::Error::other(format!(
-                "has the outcomes of seed {} at {} A; give another --out",
-                found.seed, found.current_limit_a
-            ))),
-            _ => {
-                let mut old = file.as_os_str().to_owned();
-                old.push(".old");
-                std::fs::rename(file, &old)?;
-                eprintln!(
-                    "faults: {} is of another build of the program: beginning anew, it is kept as {}",
-                    file.display(),
-                    old.display()
-                );
-                Ok(BTreeSet::new())
-            }
-        }
-    }
-}
-
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex
         .lock()
         .unwrap_or_else(std::sync::PoisonError::into_inner)
-}
-
-fn append(out: &Mutex<File>, outcome: &Outcome) -> io::Result<()> {
-    let mut line = serde_json::to_string(outcome)?;
-    line.push('\n');
-    lock(out).write_all(line.as_bytes())
 }
 
 fn progress(done: usize, all: usize, began: Instant) {
@@ -173,13 +121,9 @@ fn progress(done: usize, all: usize, began: Instant) {
 /// # Errors
 /// The file cannot be read, or does not say what it is of.
 pub fn read(file: &Path) -> io::Result<(u64, BTreeMap<u64, Outcome>)> {
-    let origin = Origin::read(file)?
-        .ok_or_else(|| io::Error::other("does not begin with the line of a campaign"))?;
-    let mut outcomes = BTreeMap::new();
-    for line in BufReader::new(File::open(file)?).lines() {
-        if let Ok(outcome) = serde_json::from_str::<Outcome>(&line?) {
-            outcomes.insert(outcome.number, outcome);
-        }
-    }
-    Ok((origin.seed, outcomes))
+    let (origin, outcomes) = checkpoint::read::<Origin, Outcome>(file)?;
+    let outcomes = outcomes
+        .into_iter()
+        .map(|outcome| (outcome.number, outcome));
+    Ok((origin.seed, outcomes.collect()))
 }

@@ -1,10 +1,13 @@
 //! Which sets are made.
 
 use evaluation::clap::{self, ValueEnum};
+use serde::{Deserialize, Serialize};
 use synthetic_sets::{Circumstance, Kind, Recipe};
 
 /// What a set is there to test.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ValueEnum)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ValueEnum, Serialize, Deserialize,
+)]
 pub enum Group {
     /// One effect of the catalogue, commanded open loop.
     Known,
@@ -25,7 +28,7 @@ pub enum Group {
 }
 
 /// One set.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Case {
     /// What it tests.
     pub group: Group,

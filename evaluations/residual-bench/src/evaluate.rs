@@ -4,6 +4,7 @@ use crate::case::Case;
 use crate::judge::{self, Class, Estimate};
 use residual::spec::Spec;
 use residual::{Data, Report};
+use serde::{Deserialize, Serialize};
 use std::time::Instant;
 use synthetic_sets::{Kind, Log, Set};
 
@@ -34,14 +35,14 @@ fixed = 1.0
 "#;
 
 /// What came out for one set.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Outcome {
     /// The set.
     pub case: Case,
     /// How the result relates to the truth.
     pub class: Class,
     /// The verdict's word.
-    pub verdict: &'static str,
+    pub verdict: String,
     /// The effect named first, or the verdict.
     pub answer: String,
     /// Effects named, strongest first.
@@ -74,7 +75,7 @@ impl Outcome {
     /// Whether an effect is called found that is not there.
     #[must_use]
     pub fn finds_a_wrong_one(&self) -> bool {
-        self.extra > 0 && ["effect", "several"].contains(&self.verdict)
+        self.extra > 0 && ["effect", "several"].contains(&self.verdict.as_str())
     }
 
     /// Held-out RMSE of the final model over the oracle's.
@@ -199,7 +200,7 @@ pub fn evaluate(case: &Case) -> Result<Outcome, String> {
     Ok(Outcome {
         case: case.clone(),
         class: judge::class(&report, &case.kinds, uncatalogued),
-        verdict: report.verdict.word(),
+        verdict: report.verdict.word().to_owned(),
         answer: judge::answer(&report),
         named: report
             .effects

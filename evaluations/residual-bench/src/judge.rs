@@ -16,11 +16,12 @@
 //! counts as wrong where it is not.
 
 use residual::{Effect, EffectKind, Form, Report, Verdict};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use synthetic_sets::{effect::Effect as True, Kind};
 
 /// How a result relates to the truth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Class {
     /// The true effect comes first; for empty sets: `none`; for uncatalogued ones: `unknown`.
     Right,
@@ -121,10 +122,10 @@ pub fn answer(report: &Report) -> String {
 pub const EITHER: &str = "A or B";
 
 /// A parameter of the truth and its estimate.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Name with unit, as the generator has it.
-    pub name: &'static str,
+    pub name: String,
     /// What was put in.
     pub truth: f64,
     /// What was found, in the same unit and sign.
@@ -185,7 +186,7 @@ pub fn estimates(truth: &True, found: &Effect) -> Vec<Estimate> {
                 _ => f64::NAN,
             };
             Estimate {
-                name,
+                name: name.to_owned(),
                 truth: value,
                 found,
             }

@@ -1,12 +1,12 @@
 //! `residual-bench`: runs the benchmark and prints the tables. `cargo xtask residual-bench` builds
 //! and starts it.
 
+use evaluation::checkpoint::each;
 use evaluation::clap::{self, Parser};
-use evaluation::{command_line, seeds, write, Progress};
-use rayon::prelude::*;
+use evaluation::{command_line, seeds, write};
 use residual_bench::arm;
 use residual_bench::case::{kind_named, Group, Plan};
-use residual_bench::evaluate::{self, evaluate, Outcome};
+use residual_bench::evaluate::{self, evaluate};
 use residual_bench::judge::Class;
 use residual_bench::table;
 use std::ops::RangeInclusive;
@@ -51,6 +51,9 @@ struct Options {
     /// Write the logs of the chosen sets instead of analysing them.
     #[arg(long, value_name = "FOLDER")]
     csv: Option<PathBuf>,
+    /// Keep outcomes in a file as they come, and go on from those that it has.
+    #[arg(long, value_name = "FILE")]
+    checkpoint: Option<PathBuf>,
     /// Write every outcome.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -102,16 +105,12 @@ fn run(options: &Options) -> Result<ExitCode, String> {
         return Ok(ExitCode::SUCCESS);
     }
     let started = Instant::now();
-    let progress = Progress::new(cases.len());
-    let outcomes: Vec<Outcome> = cases
-        .par_iter()
-        .map(|case| {
-            let outcome = evaluate(case);
-            progress.step();
-            outcome
-        })
-        .collect::<Result<_, _>>()?;
-    eprintln!();
+    let outcomes = each(
+        &cases,
+        options.checkpoint.as_deref(),
+        "the synthetic sets",
+        evaluate,
+    )?;
     if options.list {
         for o in outcomes
             .iter()

@@ -53,7 +53,7 @@ fn an_empty_set_stays_empty() {
 fn two_effects_are_both_named() {
     let o = outcome(Group::Two, &[Kind::LoadDependentCoulomb, Kind::Offset], 1.0);
     assert_eq!(
-        (o.verdict, o.hits, o.extra),
+        (o.verdict.as_str(), o.hits, o.extra),
         ("several", 2, 0),
         "{:?}",
         o.named

@@ -6,11 +6,12 @@
 
 use crate::excitation::{Drive, SHAFT_RAD_PER_M, STEP_S};
 use rand::{Rng, RngExt};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// What kind of effect is hidden in a set. The first block has names that a catalogue of physical
 /// effects would know; the next four are in no catalogue. The last four are a part of one that is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[allow(missing_docs)] // the table in `physics` says what each one does
 pub enum Kind {
     Coulomb,

@@ -1,10 +1,10 @@
 //! `literature-bench`: runs the analysis on sets of the literature generator and prints rates
 //! beside the goals.
 
+use evaluation::checkpoint::each;
 use evaluation::clap::{self, Parser};
-use evaluation::{command_line, seeds, write, Progress};
+use evaluation::{command_line, seeds, write};
 use literature_sets::excitation::Measured;
-use rayon::prelude::*;
 use residual_bench::literature::judge::Class;
 use residual_bench::literature::{evaluate, table, Outcome, Plan};
 use std::ops::RangeInclusive;
@@ -59,6 +59,9 @@ struct Options {
     /// Print each set that is not right, or has a name that is not there, and each interval.
     #[arg(long)]
     list: bool,
+    /// Keep outcomes in a file as they come, and go on from those that it has.
+    #[arg(long, value_name = "FILE")]
+    checkpoint: Option<PathBuf>,
     /// Write the tables to a file.
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
@@ -87,16 +90,13 @@ fn run(options: &Options) -> Result<ExitCode, String> {
     if cases.is_empty() {
         return Err("no set fits these options".into());
     }
-    let progress = Progress::new(cases.len());
-    let outcomes: Vec<Option<Outcome>> = cases
-        .par_iter()
-        .map(|case| {
-            let outcome = evaluate(case, excitation.as_ref());
-            progress.step();
-            outcome
-        })
-        .collect::<Result<_, _>>()?;
-    eprintln!();
+    let sets = match &options.excitation {
+        Some(folder) => format!("the motion in {}", folder.display()),
+        None => "a motion of their own".to_owned(),
+    };
+    let outcomes = each(&cases, options.checkpoint.as_deref(), &sets, |case| {
+        evaluate(case, excitation.as_ref())
+    })?;
     let impossible = outcomes.iter().filter(|o| o.is_none()).count();
     let outcomes: Vec<Outcome> = outcomes.into_iter().flatten().collect();
     if options.list {

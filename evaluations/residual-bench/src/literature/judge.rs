@@ -8,12 +8,13 @@ use literature_sets::effects::Equivalence;
 use literature_sets::set::{Missing, Set};
 use literature_sets::REEL_RADIUS_M;
 use residual::{EffectKind, Report, Verdict};
+use serde::{Deserialize, Serialize};
 
 /// RMS that an alternative may leave of an effect, over the RMS of the noise, to count as the same.
 const ALIKE: f64 = 0.5;
 
 /// How a result relates to the truth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Class {
     /// A true effect comes first, or is in the group that comes first; for empty sets: `none`; for
     /// outside ones: `unknown`.
@@ -171,7 +172,7 @@ fn none(set: &Set) -> Class {
 }
 
 /// A parameter with known truth and its interval.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Covered {
     /// Name of the parameter.
     pub name: String,

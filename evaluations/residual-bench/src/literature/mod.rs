@@ -17,6 +17,7 @@ use literature_sets::write;
 use residual::load::Table;
 use residual::spec::Spec;
 use residual::Report;
+use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
 /// Row rates of the sets in Hz, in turn by seed. No tone of the mains lies at a multiple of one of
@@ -24,7 +25,7 @@ use std::time::Instant;
 const RATES_HZ: [f64; 3] = [65.0, 90.0, 130.0];
 
 /// What a set is there to test.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Group {
     /// One effect that a catalogue can be expected to have.
     One,
@@ -37,11 +38,12 @@ pub enum Group {
 }
 
 /// One set to make and to analyse.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Case {
     /// What it tests.
     pub group: Group,
     /// Effects that the declared model lacks.
+    #[serde(with = "by_name")]
     pub effects: Vec<&'static Effect>,
     /// RMS of each as a multiple of the noise's.
     pub size: f64,
@@ -58,6 +60,26 @@ impl Case {
         }
         let names: Vec<&str> = self.effects.iter().map(|e| e.name).collect();
         names.join("+")
+    }
+}
+
+/// Effects in a file: their names.
+mod by_name {
+    use super::Effect;
+    use serde::{de::Error, Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(effects: &[&Effect], to: S) -> Result<S::Ok, S::Error> {
+        to.collect_seq(effects.iter().map(|effect| effect.name))
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        from: D,
+    ) -> Result<Vec<&'static Effect>, D::Error> {
+        let names = Vec::<String>::deserialize(from)?;
+        let effects = names
+            .iter()
+            .map(|name| literature_sets::effects::by_name(name));
+        effects.collect::<Result<_, _>>().map_err(D::Error::custom)
     }
 }
 
@@ -114,14 +136,14 @@ impl Plan {
 }
 
 /// What came out for one set.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Outcome {
     /// The set.
     pub case: Case,
     /// How the result relates to the truth.
     pub class: Class,
     /// The verdict's word.
-    pub verdict: &'static str,
+    pub verdict: String,
     /// Effects found, the most valuable first.
     pub found: Vec<String>,
     /// Those of them that are not in the set, nor said to be indistinguishable from one that is.
@@ -165,7 +187,7 @@ pub fn evaluate(case: &Case, excitation: Option<&Measured>) -> Result<Option<Out
     Ok(Some(Outcome {
         case: case.clone(),
         class: judge::class(&report, &set),
-        verdict: report.verdict.word(),
+        verdict: report.verdict.word().to_owned(),
         found: report.effects.iter().map(|e| e.name.to_string()).collect(),
         wrong: not_there(false),
         grouped: not_there(true),
