@@ -26,7 +26,8 @@ pub struct Effect {
     pub form_kind: Form,
     /// What the effect is, in words.
     pub meaning: String,
-    /// Expressions added to the model (`column -> expression` for a replaced column).
+    /// Expressions added to the model (`column -> expression` for a replaced column, `everything ->
+    /// expression` where every term goes through it).
     pub terms: Vec<String>,
     /// Parameters by name, in the unit of the same name in `units`.
     #[serde(deserialize_with = "nan::from_null")]

@@ -52,6 +52,12 @@ pub struct Scan<'a> {
     pub screening: bool,
 }
 
+/// Whether a term has one of the columns that are replaced.
+fn has_one(pairs: &[(String, String)], term: &WorkTerm) -> bool {
+    let names = term.expr.names();
+    pairs.iter().any(|(name, _)| names.contains(name))
+}
+
 /// A model with a form applied: its fitted columns, and their sums of products.
 struct Applied {
     sums: Sums,
@@ -96,15 +102,20 @@ impl<'a> Scan<'a> {
             Build::Add(pieces) => self.sums_with(pieces, keep),
             Build::Local(pieces) => self.sums_of(pieces, keep),
             Build::Swap(pairs) => {
-                let of_declared = |t: &WorkTerm| t.chosen.is_none();
-                self.sums_swapped(pairs, &of_declared, None, &[], keep)
+                let declared = |t: &WorkTerm| t.chosen.is_none() && has_one(pairs, t);
+                let changed = |t: &WorkTerm| declared(t).then(|| t.expr.clone());
+                self.sums_changed(pairs, &changed, &[], keep)
             }
-            Build::SwapAll(pairs) => self.sums_swapped(pairs, &|_| true, None, &[], keep),
+            Build::SwapAll(pairs) => {
+                let changed = |t: &WorkTerm| has_one(pairs, t).then(|| t.expr.clone());
+                self.sums_changed(pairs, &changed, &[], keep)
+            }
             Build::Through(text) => {
                 let through = Expr::parse(text)?;
-                self.sums_swapped(&[], &|_| true, Some(&through), &[], keep)
+                let changed = |t: &WorkTerm| Some(through_of(&through, &t.expr));
+                self.sums_changed(&[], &changed, &[], keep)
             }
-            Build::Known(pieces) => self.sums_swapped(&[], &|_| false, None, pieces, keep),
+            Build::Known(pieces) => self.sums_changed(&[], &|_| None, pieces, keep),
         }
     }
 
@@ -161,13 +172,12 @@ impl<'a> Scan<'a> {
         })
     }
 
-    /// Sums of the model's terms with columns replaced in some of them, or those terms sent
-    /// `through` an expression, and with terms added that have the coefficient 1.
-    fn sums_swapped(
+    /// Sums of the model's terms with some of them `changed`, columns replaced by `pairs` in what
+    /// they become, and with terms added that have the coefficient 1.
+    fn sums_changed(
         &self,
         pairs: &[(String, String)],
-        of: &dyn Fn(&WorkTerm) -> bool,
-        through: Option<&Expr>,
+        changed: &dyn Fn(&WorkTerm) -> Option<Expr>,
         added: &[Piece],
         keep: bool,
     ) -> Result<Applied, Error> {
@@ -192,14 +202,10 @@ impl<'a> Scan<'a> {
             fixed.iter_mut().zip(v.iter()).for_each(|(f, v)| *f += v);
         }
         for t in self.model.terms.iter().filter(|t| !t.local) {
-            let names = t.expr.names();
-            let has_one = || pairs.iter().any(|(name, _)| names.contains(name));
-            let touched = of(t) && (through.is_some() || has_one());
-            let v = if touched {
-                let e = through.map_or_else(|| t.expr.clone(), |f| through_of(f, &t.expr));
-                self.problem.eval_swapped(view, pairs, &e, keep, swapped)?
-            } else {
-                self.problem.eval(view, &t.expr)?
+            let changed = changed(t);
+            let v = match &changed {
+                Some(e) => self.problem.eval_swapped(view, pairs, e, keep, swapped)?,
+                None => self.problem.eval(view, &t.expr)?,
             };
             match t.fixed {
                 Some(k) => fixed
@@ -207,7 +213,7 @@ impl<'a> Scan<'a> {
                     .zip(v.iter())
                     .for_each(|(f, v)| *f += k * v),
                 None => {
-                    at.push((!touched).then_some(x.len()));
+                    at.push(changed.is_none().then_some(x.len()));
                     x.push(self.rest(v));
                 }
             }
