@@ -69,6 +69,9 @@ pub struct Recalibration {
     pub after_n: f64,
     /// What has changed, by motor.
     pub changes: [Change; 3],
+    /// A constant force on the tool that explains what the changes do not, N; `None`: it shows
+    /// none. Another tool has another weight, which looks the same.
+    pub force_n: Option<[f64; 3]>,
 }
 
 /// Most folds of trials for intervals: with up to this many trials each is held out alone, so that
@@ -327,7 +330,7 @@ impl Estimator {
     /// changes are none of a robot.
     pub fn recalibrate(&mut self, free: &[&Sequence]) -> Result<Recalibration, ModelError> {
         let before_n = self.rms_n(free);
-        let changes = match &mut self.model {
+        let (changes, force_n) = match &mut self.model {
             Body::Physics(physics) => physics.recalibrate(free)?,
             Body::Boosted(boosted) => boosted.recalibrate(free)?,
             _ => return Err(ModelError::Data(NO_BALANCE.to_owned())),
@@ -337,6 +340,7 @@ impl Estimator {
             before_n,
             after_n,
             changes,
+            force_n,
         })
     }
 

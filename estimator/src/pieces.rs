@@ -178,7 +178,7 @@ pub fn fit(pieces: &mut [Sums], plain: &Ridge, noise: f64, row_s: f64) -> Option
         let per_noise = usual.per_noise(row_s);
         let mut total = Sums::new(keep, 1);
         for piece in pieces.iter_mut() {
-            total = total.merge(piece.without_own(keep, &inverse)?);
+            total.merge(piece.without_own(keep, &inverse)?);
         }
         let common = total.solve()?;
         let (mut squares, mut rows) = (0.0, 0.0);

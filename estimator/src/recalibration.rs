@@ -19,7 +19,7 @@
 
 use crate::motion::{Moment, FILTER_S};
 use crate::wander;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use robot::kinematics::TRANSMISSION;
 use serde::{Deserialize, Serialize};
 
@@ -47,6 +47,12 @@ const COLD: f64 = 0.2;
 /// goes. On seeds 11 to 13 it was at most 21 at the elbow without a drag, at most 38 at the
 /// shoulder, where it harms little, and 41 at least with a drag of 0.2 N·m.
 const WANDERS: f64 = 30.0;
+/// Standard deviation of a force on the tool that was not measured, N. Estimate.
+const FORCE_N: f64 = 2.0;
+/// Logarithm of the odds from which there is one. Over 90 minutes without a force, with all changes
+/// of docs/estimation.md, it was 7.2 at most (friction that fell by 24 %), else 3.9; with 1 N it was
+/// 5 or more in 11 of 27 (virtual arm, seeds 11 to 13).
+const FORCE_ODDS: f64 = 8.0;
 /// Least that a minute leaves, per noise of training.
 const LEAST_LEFT: f64 = 0.1;
 /// Place of the share of friction among the changes.
@@ -56,6 +62,8 @@ pub(crate) const GAIN: usize = 2;
 /// Ripple of the friction over a turn that is told, share: some times what a minute finds where
 /// there is none.
 const TOLD_RIPPLE: f64 = 0.03;
+/// Places of the kinds of changes that are there together or not at all.
+const KINDS: [core::ops::Range<usize>; 5] = [0..1, 1..2, 2..3, 3..5, 5..6];
 /// Stop operator that stands for the direction of sliding.
 const DIRECTION: usize = 2;
 
@@ -92,11 +100,63 @@ pub fn effects(m: &Moment, i: usize, coulomb: f64, friction: f64) -> [f64; CHANG
     ]
 }
 
+/// What is known of changes before a log is seen.
+fn usual_information() -> Matrix {
+    Matrix::from_diagonal(&Vector::from(SPREAD.map(|sd| sd.powi(-2))))
+}
+
+/// The same with rate and curvature of the offset.
+fn with_time() -> Square {
+    let mut information = Square::identity();
+    let mut changes = information.fixed_view_mut::<CHANGES, CHANGES>(0, 0);
+    changes.copy_from(&usual_information());
+    information
+}
+
+/// Changes and their covariance, averaged over which of the kinds there are at all: each may be
+/// there or not. Where the log shows none, the model stays as it was trained, and is not bent to
+/// the errors of a minute.
+fn average(information: &Matrix, evidence: &Vector) -> Option<(Vector, Matrix)> {
+    let usual = usual_information();
+    let (mut weights, mut mean, mut squares) = (0.0, Vector::zeros(), Matrix::zeros());
+    let mut most = 0.0_f64;
+    for chosen in 0..1_u32 << KINDS.len() {
+        let mut of = Vector::zeros();
+        for (kind, places) in KINDS.iter().enumerate() {
+            if chosen >> kind & 1 == 1 {
+                places.clone().for_each(|k| of[k] = 1.0);
+            }
+        }
+        // What is not there keeps its usual size, apart from the log: it cancels.
+        let mask = Matrix::from_diagonal(&of);
+        let covariance = (mask * information * mask + usual).try_inverse()?;
+        let told = covariance * mask * evidence;
+        let odds =
+            (told.dot(evidence) + (covariance.determinant() * usual.determinant()).ln()) / 2.0;
+        // Weights per the largest so far: the evidence may be more than an exponential holds.
+        if odds > most {
+            let less = (most - odds).exp();
+            (weights, mean, squares) = (weights * less, mean * less, squares * less);
+            most = odds;
+        }
+        let weight = (odds - most).exp();
+        weights += weight;
+        mean += told * weight;
+        squares += (mask * covariance * mask + told * told.transpose()) * weight;
+    }
+    mean /= weights;
+    Some((mean, squares / weights - mean * mean.transpose()))
+}
+
 /// Sums of a log of free motion.
 #[derive(Debug, Clone, Default)]
 pub struct Free {
     information: [Square; 3],
     evidence: [Long; 3],
+    /// Products of the effects with the levers, of the levers, and of these with what is lacking.
+    across: [SMatrix<f64, WITH_TIME, 3>; 3],
+    of_force: [Matrix3<f64>; 3],
+    for_force: [Vector3<f64>; 3],
     /// Sum of the times of the rows and of their squares, in [`wander::TIME_S`].
     times: [f64; 2],
     rows: f64,
@@ -114,6 +174,7 @@ impl Free {
         effects: &[[f64; CHANGES]; 3],
         lacking: [f64; 3],
         variance: [f64; 3],
+        levers: &Matrix3<f64>,
         step_s: f64,
     ) {
         self.told_s += step_s;
@@ -131,30 +192,66 @@ impl Free {
             self.information[i] += row * row.transpose() * weight;
             self.evidence[i] += row * (lacking[i] * weight);
             self.squares[i] += lacking[i] * lacking[i] * weight;
+            let lever = levers.row(i);
+            self.across[i] += row * lever * weight;
+            self.of_force[i] += lever.transpose() * lever * weight;
+            self.for_force[i] += lever.transpose() * (lacking[i] * weight);
         }
     }
 
     /// The changes; `None` where numbers are not finite. `usual`: sizes of the torques that came
-    /// and went in training, per Coulomb friction; 0: none did.
+    /// and went in training, per Coulomb friction; 0: none did. `alike`: times in which errors of
+    /// the balances are alike, in [`ALIKE_S`].
     #[must_use]
-    pub fn found(&self, usual: [f64; 3]) -> Option<Found> {
+    pub fn found(&self, usual: [f64; 3], alike: [f64; 3]) -> Option<Found> {
         let mut motors = Vec::with_capacity(3);
         for (i, usual) in usual.into_iter().enumerate() {
-            motors.push(self.of_motor(i, usual)?);
+            motors.push(self.of_motor(i, usual, alike[i])?);
         }
         motors.try_into().ok().map(Found)
     }
 
-    fn of_motor(&self, i: usize, usual: f64) -> Option<OfMotor> {
-        let (information, evidence) = (&self.information[i], &self.evidence[i]);
-        let prior = Matrix::from_diagonal(&Vector::from(SPREAD.map(|sd| sd.powi(-2))));
-        let mut with_time = *information;
-        let mut block = with_time.fixed_view_mut::<CHANGES, CHANGES>(0, 0);
-        block += prior;
-        for k in CHANGES..WITH_TIME {
-            with_time[(k, k)] += 1.0;
+    /// What this log seems to tell of changes of motor `i`, squared and per its covariance, and
+    /// what to expect of that where nothing has changed and errors are alike for [`ALIKE_S`].
+    #[must_use]
+    pub fn seems(&self, i: usize) -> Option<[f64; 2]> {
+        let information = self.information[i].fixed_view::<CHANGES, CHANGES>(0, 0);
+        let evidence = self.evidence[i].fixed_rows::<CHANGES>(0);
+        let covariance = (information + usual_information()).try_inverse()?;
+        let told = (covariance * evidence).dot(&evidence);
+        Some([told, (covariance * information).trace()])
+    }
+
+    /// The constant force on the tool that explains what no changes do, N; `None`: there is none,
+    /// or too little. `alike`: as in [`Self::found`].
+    #[must_use]
+    pub fn force_n(&self, alike: [f64; 3]) -> Option<[f64; 3]> {
+        let (force, odds) = self.force(alike)?;
+        (odds > FORCE_ODDS).then_some(force.into())
+    }
+
+    /// The constant force that explains best what the changes do not, N, and the logarithm of the
+    /// odds that there is one. A torque that it makes at a motor changes with the lever, an offset
+    /// does not.
+    fn force(&self, alike: [f64; 3]) -> Option<(Vector3<f64>, f64)> {
+        let usual = Matrix3::identity() / (FORCE_N * FORCE_N);
+        let (mut information, mut evidence) = (usual, Vector3::zeros());
+        for (i, alike) in alike.into_iter().enumerate() {
+            let covariance = (self.information[i] / alike + with_time()).try_inverse()?;
+            let across = self.across[i] / alike;
+            information += self.of_force[i] / alike - across.transpose() * covariance * across;
+            evidence += self.for_force[i] / alike
+                - across.transpose() * covariance * self.evidence[i] / alike;
         }
-        let covariance = with_time.try_inverse()?;
+        let covariance = information.try_inverse()?;
+        let force = covariance * evidence;
+        let odds = force.dot(&evidence) + (usual.determinant() * covariance.determinant()).ln();
+        Some((force, odds / 2.0))
+    }
+
+    fn of_motor(&self, i: usize, usual: f64, alike: f64) -> Option<OfMotor> {
+        let (information, evidence) = (&self.information[i], &self.evidence[i]);
+        let covariance = (information + with_time()).try_inverse()?;
         let all = covariance * evidence;
         let middle = self.times[0] / self.rows;
         // Rate and curvature in the middle of the log.
@@ -183,9 +280,9 @@ impl Free {
             }
             (changes, covariance)
         } else {
-            let covariance =
-                (information.fixed_view::<CHANGES, CHANGES>(0, 0) + prior).try_inverse()?;
-            (covariance * evidence.fixed_rows::<CHANGES>(0), covariance)
+            let information = information.fixed_view::<CHANGES, CHANGES>(0, 0) / alike;
+            let evidence = evidence.fixed_rows::<CHANGES>(0) / alike;
+            average(&information, &evidence)?
         };
         for k in 0..CHANGES {
             let form = FORM * changes[k];
@@ -360,9 +457,15 @@ mod tests {
 
     /// What a minute finds with these changes, and this much more at a time at the elbow.
     fn minute(made: [[f64; CHANGES]; 3], more: impl Fn(f64) -> f64) -> Found {
+        let sums = free(made, more, 3);
+        sums.found([0.0; 3], [1.0; 3]).expect("finite")
+    }
+
+    /// The sums of such a minute.
+    fn free(made: [[f64; CHANGES]; 3], more: impl Fn(f64) -> f64, seed: u64) -> Free {
         let coulomb = COULOMB;
         let mut sums = Free::default();
-        let mut noise = robot::random::Random::stream(3, "recalibration", 0);
+        let mut noise = robot::random::Random::stream(seed, "recalibration", 0);
         for n in 0..3_000 {
             let t = f64::from(n) * 0.02;
             let mut m = Moment::default();
@@ -379,10 +482,87 @@ mod tests {
                     + if i == 1 { more(t) } else { 0.0 }
             });
             let variance = coulomb.map(|c| (0.005 * c).powi(2));
-            sums.push(t, &of, lacking, variance, 0.02);
+            sums.push(t, &of, lacking, variance, &Matrix3::zeros(), 0.02);
         }
         assert!((sums.told_s - 60.0).abs() < 1e-6);
-        sums.found([0.0; 3]).expect("finite")
+        sums
+    }
+
+    #[test]
+    fn a_minute_that_shows_no_change_of_a_kind_leaves_it_alone_and_is_sure_of_it() {
+        let none = minute([[0.0; CHANGES]; 3], |_| 0.0);
+        for (i, coulomb) in COULOMB.into_iter().enumerate() {
+            let change = none.of_motor(i, coulomb);
+            assert_eq!(change.surely("N·m"), Vec::<String>::new());
+            // An offset and an asymmetry look the same, and hide each other.
+            assert!(change.offset.abs() < 0.002 * coulomb, "{change:?}");
+            assert!(change.deviation[0] < 0.02 * coulomb, "{change:?}");
+        }
+        let mut made = [[0.0; CHANGES]; 3];
+        made[0][FRICTION] = -0.02;
+        let change = minute(made, |_| 0.0).of_motor(0, COULOMB[0]);
+        assert!((change.friction - 0.02).abs() < 0.003, "{change:?}");
+        assert!(change.offset.abs() < 0.002 * COULOMB[0], "{change:?}");
+        assert_eq!(change.surely("N·m"), ["friction rose by 2.0 %"]);
+    }
+
+    #[test]
+    fn a_force_that_stayed_on_the_tool_is_told_from_offsets_by_its_levers() {
+        let told = |force: Vector3<f64>, offset: f64, swing: f64| {
+            let mut sums = Free::default();
+            let mut noise = robot::random::Random::stream(4, "force", 0);
+            for n in 0..3_000 {
+                let t = f64::from(n) * 0.02;
+                let lever = |k: f64| 1.0 + swing * (0.3 * t + k).sin();
+                let levers = Matrix3::from_fn(|i, j| {
+                    0.1 * lever((3 * i + j) as f64) * if i == j { 1.0 } else { 0.3 }
+                });
+                let of = [[1.0, (0.4 * t).cos().signum(), 0.5, 0.0, 0.0, 1.0]; 3];
+                let lacking =
+                    levers * force + Vector3::from_fn(|_, _| offset + 0.005 * noise.normal());
+                sums.push(t, &of, lacking.into(), [2.5e-5; 3], &levers, 0.02);
+            }
+            sums.force_n([1.0; 3])
+        };
+        let force = Vector3::new(0.5, 2.0, -1.0);
+        let found = Vector3::from(told(force, 0.0, 0.3).expect("a force"));
+        assert!((found - force).norm() < 0.3, "{found}");
+        let found = Vector3::from(told(force, 0.05, 0.3).expect("a force beside an offset"));
+        assert!((found - force).norm() < 0.3, "{found}");
+        assert_eq!(told(Vector3::zeros(), 0.05, 0.3), None);
+        // Levers that stay make it an offset.
+        assert_eq!(told(force, 0.0, 0.0), None);
+    }
+
+    #[test]
+    fn errors_that_stay_longer_make_a_minute_say_less() {
+        // The same error for so many seconds, at the elbow.
+        let seems = |stay_s: f64| {
+            let of = |seed: u64| {
+                let error = |t: f64| {
+                    let mut random =
+                        robot::random::Random::stream(seed, "slow", (t / stay_s) as u64);
+                    0.01 * COULOMB[1] * random.normal()
+                };
+                free([[0.0; CHANGES]; 3], error, seed)
+                    .seems(1)
+                    .expect("finite")
+            };
+            let sum = (0..20)
+                .map(of)
+                .fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+            sum[0] / sum[1]
+        };
+        let (quick, slow) = (seems(0.5), seems(8.0));
+        assert!(slow > 8.0 * quick, "{quick} {slow}");
+        let mut made = [[0.0; CHANGES]; 3];
+        made[0][FRICTION] = -0.02;
+        let sums = free(made, |_| 0.0, 3);
+        let deviation = |alike: f64| {
+            let found = sums.found([0.0; 3], [alike, 1.0, 1.0]).expect("finite");
+            found.of_motor(0, COULOMB[0]).deviation[1]
+        };
+        assert!(deviation(100.0) > 2.0 * deviation(1.0));
     }
 
     #[test]
@@ -418,9 +598,10 @@ mod tests {
                 let t = f64::from(n) * 0.02;
                 let effects = [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]; 3];
                 let torque = 0.02 + drag * (t / wander::TIME_S).sin();
-                sums.push(t, &effects, [0.0, torque, 0.0], [2.5e-5; 3], 0.02);
+                let lacking = [0.0, torque, 0.0];
+                sums.push(t, &effects, lacking, [2.5e-5; 3], &Matrix3::zeros(), 0.02);
             }
-            sums.found([0.0, 0.03, 0.0]).expect("finite")
+            sums.found([0.0, 0.03, 0.0], [1.0; 3]).expect("finite")
         };
         let quiet = sums(0.0);
         assert_eq!(quiet.wander([1.0; 3]), Some([0.0, 0.03, 0.0]));

@@ -71,15 +71,19 @@ impl Sums {
     }
 
     /// Adds the rows of another.
-    #[must_use]
-    pub fn merge(mut self, mut other: Self) -> Self {
+    pub fn merge(&mut self, mut other: Self) {
         self.flush();
         other.flush();
         self.products += other.products;
         self.sum += other.sum;
         self.rows += other.rows;
         self.weight += other.weight;
-        self
+    }
+
+    /// Number of regressors of a row.
+    #[must_use]
+    pub const fn regressors(&self) -> usize {
+        self.regressors
     }
 
     /// Number of rows.
@@ -298,8 +302,9 @@ mod tests {
             );
             parts[n as usize % 2].push(&[x, 7.0, y], &[plane(x, y)]);
         }
-        let [a, b] = parts;
-        let ridge = a.merge(b).solve().unwrap();
+        let [mut a, b] = parts;
+        a.merge(b);
+        let ridge = a.solve().unwrap();
         for (x, y) in [(0.3, 1e-3), (-1.0, -1e-3)] {
             let error = ridge.value(0, &[x, 7.0, y]) - plane(x, y);
             assert!(error.abs() < 1e-5, "{error}");
@@ -349,8 +354,9 @@ mod tests {
         let usual = DMatrix::from_element(1, 1, 0.01);
         let [mut a, mut b] = groups(offsets);
         let parts = [&mut a, &mut b].map(|sums| sums.without_own(1, &usual).unwrap());
-        let [first, second] = parts;
-        let common = first.merge(second).solve().unwrap();
+        let [mut first, second] = parts;
+        first.merge(second);
+        let common = first.solve().unwrap();
         assert!((common.weights(0)[0] - 2.0).abs() < 1e-3, "{common:?}");
         for (sums, offset) in [&mut a, &mut b].into_iter().zip(offsets) {
             let (own, covariance, left) = sums.own(&common, &usual).unwrap();
@@ -361,8 +367,8 @@ mod tests {
         // All rows together take the offsets for a slope.
         let [mut a, mut b] = groups(offsets);
         let never = DMatrix::from_element(1, 1, 1e12);
-        let plain = a.without_own(1, &never).unwrap();
-        let plain = plain.merge(b.without_own(1, &never).unwrap());
+        let mut plain = a.without_own(1, &never).unwrap();
+        plain.merge(b.without_own(1, &never).unwrap());
         assert!(plain.solve().unwrap().weights(0)[0] > 2.1);
         // What is taken out of the target is left to nobody.
         a.take_out(1, &[0.4]);

@@ -290,7 +290,10 @@ impl Boosted {
     ///
     /// # Errors
     /// See [`Physics::recalibrate`]; trees alone have no balance.
-    pub fn recalibrate(&mut self, free: &[&Sequence]) -> Result<[Change; 3], ModelError> {
+    pub fn recalibrate(
+        &mut self,
+        free: &[&Sequence],
+    ) -> Result<([Change; 3], Option<[f64; 3]>), ModelError> {
         if !self.correct {
             return Err(ModelError::Data(NO_BALANCE.to_owned()));
         }

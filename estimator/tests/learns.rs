@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{changed, trial};
+use common::{changed, paced, trial};
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::geometry::Base;
 use estimator::metrics::{compare, figures};
@@ -290,6 +290,25 @@ fn on(estimator: &Estimator, sequence: &Sequence) -> (f64, f64, Option<usize>) {
     (error_n / rows, covered / rows, misfits)
 }
 
+/// At a quarter of the speed errors of the balances stay longer: a minute tells less of changes.
+#[test]
+fn a_training_finds_how_long_its_errors_stay() {
+    let alike = |pace: f64| -> Vec<f64> {
+        let trial = |n| paced(11, n, 122.0, ChangeConfig::default(), 1.0, pace);
+        let rows: Vec<Sequence> = (20..26).map(trial).collect();
+        let sequences: Vec<&Sequence> = rows.iter().collect();
+        let asked = training(Kind::Physics);
+        let model = Estimator::train(&asked, &sequences, &mut |_: &Progress| {}).unwrap();
+        let file: serde_json::Value = serde_json::from_str(&model.to_json().unwrap()).unwrap();
+        let found = file["model"]["physics"]["alike"].as_array().unwrap().iter();
+        found.map(|times| times.as_f64().unwrap()).collect()
+    };
+    let (quick, slow) = (alike(1.0), alike(0.25));
+    for (quick, slow) in quick.iter().zip(&slow) {
+        assert!(*quick >= 1.0 && slow > quick, "{quick:?} {slow:?}");
+    }
+}
+
 #[test]
 fn a_changed_robot_is_told_and_a_minute_of_free_motion_brings_the_model_back() {
     let trained = of_ten_minutes();
@@ -324,6 +343,7 @@ fn a_changed_robot_is_told_and_a_minute_of_free_motion_brings_the_model_back() {
             found.after_n < 0.5 * found.before_n,
             "{change:?}: {found:?}"
         );
+        assert_eq!(found.force_n, None, "{change:?}");
         let (minute_n, covered, _) = on(&today, &loaded);
         assert!(
             minute_n < 0.4 * frozen_n,

@@ -31,7 +31,8 @@ use crate::model::{Model, ModelError, Stepper};
 use crate::motion::{LowPass, Moment, Motion, FADE, FILTER_S, LEVELS, STOPS};
 use crate::pieces::{self, Told, Usual};
 use crate::recalibration::{
-    effects, motor_angle, Change, Effects, Found, Free, FRICTION as FRICTION_OF, GAIN as GAIN_OF,
+    effects, motor_angle, Change, Effects, Found, Free, CHANGES, FRICTION as FRICTION_OF,
+    GAIN as GAIN_OF,
 };
 use crate::ridge::{Ridge, Sums};
 use crate::sequence::Sequence;
@@ -85,6 +86,12 @@ const CHANGES_FROM: f64 = 0.5;
 const USUAL_NOISE: f64 = 0.01;
 /// Every so many rows enters the fits where there are many: neighbours tell nearly the same.
 const EVERY: usize = 3;
+/// Every so many rows enters the figures of errors: neighbours tell the same.
+const FEW: usize = 5;
+/// Parts of the training that are left out in turn to find its errors.
+const FOLDS: usize = 6;
+/// Free motion that is asked for, s.
+const MINUTE_S: f64 = 60.0;
 /// Rows for each regressor from which there are many.
 const MANY: usize = 12;
 
@@ -106,6 +113,9 @@ pub struct Physics {
     /// How each motor differed between pieces of the training, where it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     differs: Option<[Differs; 3]>,
+    /// Times in which errors of the balances are alike, in those of [`crate::recalibration`].
+    #[serde(default = "usual_alike")]
+    alike: [f64; 3],
     /// Components that are given out: 0 x, 1 y, 2 z.
     axes: Vec<usize>,
     /// What a recalibration has found.
@@ -324,8 +334,7 @@ fn noise_of(
                 || ([(); 3].map(|()| Vec::new()), Vec::new(), 0_usize),
                 |(pairs, row, n), moment, contact| {
                     *n += 1;
-                    // Every fifth row: neighbours tell the same.
-                    if *n % 5 == 0 {
+                    if *n % FEW == 0 {
                         for i in 0..3 {
                             regressors(moment, i, coulomb[i], row);
                             let value = value(number, *n - 1, i, moment, row);
@@ -420,21 +429,20 @@ fn changing(
 /// Regressors of the first fit: gravity, Coulomb and viscous friction.
 const SMALL: usize = GRAVITY + 2;
 
-/// Fits the balance of each motor on every `every`-th settled row.
-fn fit(
+/// Sums of the balance of each motor on every `every`-th settled row, of each [`fold`].
+fn sums_of_folds(
     base: &Base,
     coulomb: [f64; 3],
     sequences: &[&Sequence],
     width: usize,
     every: usize,
     regressors: impl Fn(&Moment, usize, &mut Vec<f64>) + Sync,
-) -> Result<[Ridge; 3], ModelError> {
-    let fresh = || [(); 3].map(|()| Sums::new(width, 1));
+) -> Vec<[Sums; 3]> {
     let parts = visit(
         base,
         coulomb,
         sequences,
-        || (fresh(), Vec::new(), 0_usize),
+        || ([(); 3].map(|()| Sums::new(width, 1)), Vec::new(), 0_usize),
         |(sums, row, n), moment, contact| {
             *n += 1;
             if *n % every == 0 {
@@ -445,26 +453,104 @@ fn fit(
             }
         },
     );
-    let mut total = fresh();
-    for (part, _, _) in parts {
-        let mut part = part.into_iter();
-        total = total.map(|sum| {
-            part.next()
-                .map_or_else(|| Sums::new(width, 1), |p| sum.merge(p))
-        });
+    let mut folds: Vec<[Sums; 3]> = Vec::new();
+    for (number, (part, _, _)) in parts.into_iter().enumerate() {
+        match folds.get_mut(fold(number)) {
+            Some(sums) => add(sums, part),
+            None => folds.push(part),
+        }
     }
-    let mut motors = Vec::new();
-    for sum in total {
-        motors.push(sum.solve().ok_or_else(|| {
-            ModelError::Data(format!(
-                "too few rows for the physical model: it needs more than {} rows after the first {SETTLE_S} s of each unbroken stretch",
-                width * every
-            ))
-        })?);
+    folds
+}
+
+/// Part of the training that a sequence is in.
+const fn fold(sequence: usize) -> usize {
+    sequence % FOLDS
+}
+
+fn add(to: &mut [Sums; 3], more: [Sums; 3]) {
+    for (sums, more) in to.iter_mut().zip(more) {
+        sums.merge(more);
     }
-    motors
-        .try_into()
-        .map_err(|_| ModelError::Data("three motors".to_owned()))
+}
+
+/// The balance of each motor by all folds but one, or by all; `None`: too few rows.
+fn solved(folds: &[[Sums; 3]], but: Option<usize>) -> Option<[Ridge; 3]> {
+    let mut chosen = (0..folds.len()).filter(|n| Some(*n) != but);
+    let mut total = folds.get(chosen.next()?)?.clone();
+    chosen.for_each(|n| add(&mut total, folds[n].clone()));
+    let motors: Option<Vec<Ridge>> = total.into_iter().map(Sums::solve).collect();
+    motors?.try_into().ok()
+}
+
+/// Fits the balance of each motor on every `every`-th settled row.
+fn fit(folds: &[[Sums; 3]], every: usize) -> Result<[Ridge; 3], ModelError> {
+    solved(folds, None).ok_or_else(|| {
+        let width = folds.first().map_or(0, |[sums, ..]| sums.regressors());
+        ModelError::Data(format!(
+            "too few rows for the physical model: it needs more than {} rows after the first {SETTLE_S} s of each unbroken stretch",
+            width * every
+        ))
+    })
+}
+
+/// Times in which errors of the balances are alike, in those of [`crate::recalibration`]: what
+/// minutes that were not fitted seem to tell of changes of the robot, which did not change, over
+/// what they would tell if only neighbouring rows had the same error. A slow motion has slower
+/// errors.
+fn alike(
+    base: &Base,
+    coulomb: [f64; 3],
+    noise: &[Noise; 3],
+    sequences: &[&Sequence],
+    folds: &[[Sums; 3]],
+) -> [f64; 3] {
+    let fitted = (0..folds.len()).map(|out| solved(folds, Some(out)));
+    let Some(fitted) = fitted.collect::<Option<Vec<[Ridge; 3]>>>() else {
+        return [1.0; 3];
+    };
+    let parts: Vec<_> = (sequences.par_iter().enumerate())
+        .flat_map(|(number, sequence)| {
+            let motors = &fitted[fold(number)];
+            visit(
+                base,
+                coulomb,
+                &[*sequence],
+                || (Vec::<Free>::new(), Vec::new(), 0_usize),
+                |(minutes, row, n), moment, contact| {
+                    let time_s = *n as f64 * sequence.step_s;
+                    *n += 1;
+                    if *n % FEW != 0 {
+                        return;
+                    }
+                    let (mut of, mut lacking) = ([[0.0; CHANGES]; 3], [0.0; 3]);
+                    let mut variance = [0.0; 3];
+                    for i in 0..3 {
+                        regressors(moment, i, coulomb[i], row);
+                        let friction = friction(motors[i].weights(0), row);
+                        of[i] = effects(moment, i, coulomb[i], friction);
+                        lacking[i] = motors[i].value(0, row) - moment.torque[i] - contact[i];
+                        variance[i] = noise[i].variance(moment.rate[i].abs());
+                    }
+                    let minute = (time_s / MINUTE_S) as usize;
+                    minutes.resize(minutes.len().max(minute + 1), Free::default());
+                    let step_s = FEW as f64 * sequence.step_s;
+                    let levers = Matrix3::zeros();
+                    minutes[minute].push(time_s, &of, lacking, variance, &levers, step_s);
+                },
+            )
+        })
+        .collect();
+    core::array::from_fn(|i| {
+        let minutes = parts.iter().flat_map(|(minutes, _, _)| minutes);
+        let all = minutes.filter_map(|minute| minute.seems(i));
+        let [told, expected] = all.fold([0.0; 2], |sum, of| [sum[0] + of[0], sum[1] + of[1]]);
+        if told > expected {
+            told / expected
+        } else {
+            1.0
+        }
+    })
 }
 
 impl Physics {
@@ -483,18 +569,20 @@ impl Physics {
         }
         // Gravity, Coulomb and viscous friction alone, on a tenth of the rows, tell how large the
         // friction is.
-        let coarse = fit(&base, [0.0; 3], sequences, SMALL, 10, |m, i, row| {
+        let coarse = sums_of_folds(&base, [0.0; 3], sequences, SMALL, 10, |m, i, row| {
             regressors(m, i, 0.0, row);
             row.truncate(GRAVITY);
             row.extend([m.motor_stop(i, MIDDLE), m.flow[i]]);
-        })?;
+        });
+        let coarse = fit(&coarse, 10)?;
         let coulomb = core::array::from_fn(|i| coarse[i].weights(0)[GRAVITY].max(0.0));
         let settled = |s: &&Sequence| s.rows().saturating_sub(settle_rows(s.step_s));
         let rows: usize = sequences.iter().map(settled).sum();
         let every = if rows < MANY * REGRESSORS { 1 } else { EVERY };
-        let motors = fit(&base, coulomb, sequences, REGRESSORS, every, |m, i, row| {
+        let folds = sums_of_folds(&base, coulomb, sequences, REGRESSORS, every, |m, i, row| {
             regressors(m, i, coulomb[i], row);
-        })?;
+        });
+        let motors = fit(&folds, every)?;
         let plain = noise_of(&base, coulomb, sequences, |_, _, i, _, row| {
             motors[i].value(0, row)
         });
@@ -503,6 +591,11 @@ impl Physics {
             core::array::from_fn(|i| of.noise[i].deviation() / plain[i].deviation())
         };
         let changing = changing.filter(|of| less(of).iter().any(|ratio| *ratio < CHANGES_FROM));
+        // What pieces have for themselves takes their slow errors, too.
+        let alike = match changing {
+            Some(_) => usual_alike(),
+            None => alike(&base, coulomb, &plain, sequences, &folds),
+        };
         let (motors, noise, differs) = match changing {
             Some(of) => (of.motors, of.noise, Some(of.differs)),
             None => (motors, plain, None),
@@ -516,6 +609,7 @@ impl Physics {
             prior: prior(sequences),
             rate_per_s: rate_per_s(sequences),
             differs,
+            alike,
             axes: axes.to_vec(),
             found: None,
         })
@@ -528,12 +622,16 @@ impl Physics {
     }
 
     /// Finds on free motion what has changed of the robot: no force is on the tool. What was found
-    /// before is forgotten.
+    /// before is forgotten. Gives the changes, and a constant force that explains what they do not,
+    /// N, where there seems to be one.
     ///
     /// # Errors
     /// Too few rows in which all joints move, or changes that no robot has. The model is as it was
     /// then.
-    pub fn recalibrate(&mut self, free: &[&Sequence]) -> Result<[Change; 3], ModelError> {
+    pub fn recalibrate(
+        &mut self,
+        free: &[&Sequence],
+    ) -> Result<([Change; 3], Option<[f64; 3]>), ModelError> {
         let before = self.found.take();
         let mut sums = Free::default();
         for sequence in free {
@@ -548,13 +646,14 @@ impl Physics {
                         &seen.effects,
                         seen.contact,
                         variance,
+                        &seen.levers,
                         sequence.step_s,
                     );
                 }
             }
         }
         let found = sums
-            .found(self.usual_torques())
+            .found(self.usual_torques(), self.alike)
             .filter(|_| sums.told_s >= FREE_S);
         let Some(found) = found else {
             self.found = before;
@@ -575,7 +674,7 @@ impl Physics {
             )));
         }
         self.found = Some(found);
-        Ok(changes)
+        Ok((changes, sums.force_n(self.alike)))
     }
 
     /// The balance of each motor at each row that tells it, with the measured force; a force that
@@ -662,6 +761,11 @@ fn prior(sequences: &[&Sequence]) -> [[f64; 3]; 3] {
 /// trained before it was found: 1/s.
 const fn usual_rate() -> f64 {
     0.08
+}
+
+/// That of models that were trained before it was found.
+const fn usual_alike() -> [f64; 3] {
+    [1.0; 3]
 }
 
 /// Rate of the force over [`MEMORY_S`] per its size, 1/s.

@@ -21,11 +21,23 @@ pub fn changed(
     change: ChangeConfig,
     loaded: f64,
 ) -> Sequence {
+    paced(robot, trial, seconds, change, loaded, 1.0)
+}
+
+/// The same at another pace.
+pub fn paced(
+    robot: u64,
+    trial: usize,
+    seconds: f64,
+    change: ChangeConfig,
+    loaded: f64,
+    pace: f64,
+) -> Sequence {
     let config = TrajectoryConfig {
         duration_s: seconds + 5.0,
         // Faster than in the lab: a minute holds some reversals of each joint.
-        slowest: [0.06, 0.08, 0.008],
-        fastest: [0.12, 0.16, 0.016],
+        slowest: [0.06, 0.08, 0.008].map(|v| v * pace),
+        fastest: [0.12, 0.16, 0.016].map(|v| v * pace),
         ..TrajectoryConfig::default()
     };
     let path = Trajectory::new(&config, 1_000 + trial as u64).unwrap();

@@ -243,16 +243,27 @@ impl Recalibrate {
             written.display()
         );
         let reply = Reply::new(text, json!(found));
-        match usual_n.filter(|usual_n| found.after_n > LEFT * usual_n) {
-            None => Ok(reply),
-            Some(usual_n) => {
-                context.output.note(&format!(
-                    "{:.3} N are left where there is no force, more than {LEFT} times the error of the test trials ({usual_n:.3} N RMS): something touched the tool, or the robot changed in another way than a recalibration knows; the model is written, and is not to be trusted",
-                    found.after_n
-                ));
-                Ok(reply.with_code(exit::DEGRADED))
-            }
+        let mut doubts = Vec::new();
+        if let Some([x, y, z]) = found.force_n {
+            doubts.push(format!(
+                "a constant force of ({x:.1}, {y:.1}, {z:.1}) N on the tool explains this log better than changes of the robot alone: something touched the tool, or it is another tool, of another weight, or the joints were where the training was not"
+            ));
         }
+        if let Some(usual_n) = usual_n.filter(|usual_n| found.after_n > LEFT * usual_n) {
+            doubts.push(format!(
+                "{:.3} N are left where there is no force, more than {LEFT} times the error of the test trials ({usual_n:.3} N RMS): something touched the tool, or the robot changed in another way than a recalibration knows",
+                found.after_n
+            ));
+        }
+        for doubt in &doubts {
+            context.output.note(&format!(
+                "{doubt}; the model is written, and is not to be trusted"
+            ));
+        }
+        Ok(match doubts.is_empty() {
+            true => reply,
+            false => reply.with_code(exit::DEGRADED),
+        })
     }
 
     /// Refuses a log with a force on the tool.
