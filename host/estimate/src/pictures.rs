@@ -100,8 +100,11 @@ pub fn replay(rows: &Table, axis: &str) -> Scene {
         let of =
             |value: &dyn Fn(usize) -> f64| axes.at(stretch.iter().map(|k| (time[*k], value(*k))));
         if half[stretch[0]].is_finite() {
-            scene.line(&of(&|k| estimate[k] - half[k]), 0.8, GRAY, false);
-            scene.line(&of(&|k| estimate[k] + half[k]), 0.8, GRAY, false);
+            // Where the interval is wider than the picture, its line is the frame's.
+            for sign in [-1.0, 1.0] {
+                let edge = |k: usize| (estimate[k] + sign * half[k]).clamp(axes.y.0, axes.y.1);
+                scene.line(&of(&edge), 0.8, GRAY, false);
+            }
         }
         scene.line(&of(&|k| estimate[k]), 1.2, color(0), false);
     }
