@@ -506,6 +506,39 @@ mod tests {
         assert_eq!(change.surely("N·m"), ["friction rose by 2.0 %"]);
     }
 
+    /// Where the log shows every kind, the average is the least squares of all; where it shows
+    /// nothing, nothing has changed and half of each kind's usual variance is left.
+    #[test]
+    fn an_average_over_kinds_goes_from_nothing_to_the_least_squares_of_all() {
+        let truth = Vector::from([0.2, -0.2, 0.06, 0.15, -0.1, 0.2]);
+        let mix = Matrix::from_fn(|i, j| {
+            if i == j {
+                1.0
+            } else {
+                0.3 / (1 + i + j) as f64
+            }
+        });
+        let information = mix.transpose() * mix * 1e6;
+        let evidence = information * truth;
+        let (mean, covariance) = average(&information, &evidence).expect("finite");
+        let all = (information + usual_information())
+            .try_inverse()
+            .expect("positive");
+        assert!((mean - all * evidence).norm() < 1e-9, "{mean}");
+        assert!(
+            (covariance - all).norm() < 1e-6 * all.norm(),
+            "{covariance}"
+        );
+        let (mean, covariance) = average(&Matrix::zeros(), &Vector::zeros()).expect("finite");
+        assert_eq!(mean, Vector::zeros());
+        for (k, sd) in SPREAD.into_iter().enumerate() {
+            assert!(
+                (covariance[(k, k)] - sd * sd / 2.0).abs() < 1e-12,
+                "{covariance}"
+            );
+        }
+    }
+
     #[test]
     fn a_force_that_stayed_on_the_tool_is_told_from_offsets_by_its_levers() {
         let told = |force: Vector3<f64>, offset: f64, swing: f64| {
