@@ -7,6 +7,9 @@
 //! another change, in two trials of a minute of free motion and three minutes under load, begun at
 //! power-on. `frozen`: the model as it was trained. The label is the true force of the simulation,
 //! without the rig's cells. Rows are those that are valid.
+//!
+//! Below the table: alarms, the least error with a drag, and how often a constant force that nobody
+//! measured in the minute is told, on the unchanged arm along each axis.
 
 #[path = "../tests/common/rows.rs"]
 mod rows;
@@ -21,7 +24,8 @@ use estimator::wander::{self, Wander};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use robot::arm::ChangeConfig;
-use trials::{train, trial};
+use robot::trajectory::TrajectoryConfig;
+use trials::{train, trial, trial_on};
 
 const FREE_S: f64 = 60.0;
 /// Trials of each change.
@@ -153,6 +157,44 @@ const CHANGES: [(&str, Set); 13] = [
     }),
 ];
 
+type Force = fn(f64, f64) -> [f64; 3];
+
+/// Constant forces, N: their size, and one along each axis.
+const HELD: [(f64, [Force; 3]); 2] = [
+    (
+        1.0,
+        [
+            |_, _| [1.0, 0.0, 0.0],
+            |_, _| [0.0, 1.0, 0.0],
+            |_, _| [0.0, 0.0, 1.0],
+        ],
+    ),
+    (
+        2.0,
+        [
+            |_, _| [2.0, 0.0, 0.0],
+            |_, _| [0.0, 2.0, 0.0],
+            |_, _| [0.0, 0.0, 2.0],
+        ],
+    ),
+];
+
+/// In how many minutes a recalibration tells a force, of trials with each of these forces.
+fn told(text: &str, seed: u64, forces: &[Force]) -> usize {
+    let path = TrajectoryConfig::default();
+    (0..forces.len() * TRIALS)
+        .into_par_iter()
+        .filter(|n| {
+            let session = 11 + (n % TRIALS) as u64;
+            let (none, force) = (ChangeConfig::default(), forces[n / TRIALS]);
+            let [_, held] = trial_on(&path, seed, session, none, [0.0, FREE_S], force);
+            let mut estimator = Estimator::from_json(text).expect("a model");
+            let found = estimator.recalibrate(&[&held]).expect("recalibrated");
+            found.force_n.is_some()
+        })
+        .count()
+}
+
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let kind = arguments.next().and_then(|name| Kind::of(&name));
@@ -161,6 +203,7 @@ fn main() {
     // By change: frozen, and recalibrated.
     let mut scores = vec![[Vec::new(), Vec::new()]; CHANGES.len()];
     let mut unchanged = Vec::new();
+    let (mut told_of_none, mut told_of) = (0, [0; HELD.len()]);
     let mut least = [[0.0; 2]; 2];
     let mut robots = 0.0;
     for seed in &seeds {
@@ -173,7 +216,7 @@ fn main() {
         let rows: Vec<&Sequence> = training.iter().collect();
         let text = train(kind, *seed, &rows).to_json().expect("stored");
         eprintln!("robot {seed}: trained");
-        let found: Vec<[Score; 2]> = (0..CHANGES.len() * TRIALS)
+        let found: Vec<([Score; 2], bool)> = (0..CHANGES.len() * TRIALS)
             .into_par_iter()
             .map(|n| {
                 let mut change = ChangeConfig::default();
@@ -182,8 +225,9 @@ fn main() {
                 let [free, loaded] = trial(*seed, session, change, FREE_S, 180.0);
                 let mut estimator = Estimator::from_json(&text).expect("a model");
                 let frozen = score(&estimator, &loaded);
-                estimator.recalibrate(&[&free]).expect("recalibrated");
-                [frozen, score(&estimator, &loaded)]
+                let found = estimator.recalibrate(&[&free]).expect("recalibrated");
+                let told = found.force_n.is_some();
+                ([frozen, score(&estimator, &loaded)], told)
             })
             .collect();
         let more: Vec<Score> = (21..21 + UNCHANGED)
@@ -203,7 +247,11 @@ fn main() {
                 }
             }
         }
-        for (n, of) in found.into_iter().enumerate() {
+        for (count, (_, forces)) in told_of.iter_mut().zip(&HELD) {
+            *count += told(&text, *seed, forces);
+        }
+        for (n, (of, told)) in found.into_iter().enumerate() {
+            told_of_none += usize::from(told);
             for (all, one) in scores[n / TRIALS].iter_mut().zip(of) {
                 all.push(one);
             }
@@ -231,6 +279,17 @@ fn main() {
         unchanged.iter().filter(|s| s.alarm_s.is_some()).count(),
         unchanged.len()
     );
+    let trials = seeds.len() * TRIALS;
+    println!(
+        "A constant force in the minute is told in {told_of_none} of {} without one.",
+        CHANGES.len() * trials
+    );
+    for (count, (size, forces)) in told_of.iter().zip(&HELD) {
+        println!(
+            "One of {size} N is told in {count} of {}.",
+            forces.len() * trials
+        );
+    }
     if kind == Kind::Physics {
         for (size, sums) in [0.1, 0.2].iter().zip(least) {
             let [white, slow] = sums.map(|sum| sum / robots);

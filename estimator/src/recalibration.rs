@@ -49,9 +49,9 @@ const COLD: f64 = 0.2;
 const WANDERS: f64 = 30.0;
 /// Standard deviation of a force on the tool that was not measured, N. Estimate.
 const FORCE_N: f64 = 2.0;
-/// Logarithm of the odds from which there is one. Over 90 minutes without a force, with all changes
-/// of docs/estimation.md, it was 7.2 at most (friction that fell by 24 %), else 3.9; with 1 N it
-/// was more than 8 in 5 of 27 (virtual arm, seeds 11 to 13).
+/// Logarithm of the odds from which there is one, chosen on the virtual arm's seeds 11 to 13 above
+/// what all changes of docs/estimation.md came to. `--example changes` counts how often a minute
+/// without a force, and one with 1 N or 2 N, is above it.
 const FORCE_ODDS: f64 = 8.0;
 /// Least that a minute leaves, per noise of training.
 const LEAST_LEFT: f64 = 0.1;

@@ -73,9 +73,10 @@ const FRICTION: [[usize; 2]; 3] = {
 const SHARES: [f64; 4] = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0];
 /// Speeds at which the excess of a link's breakaway fades: rad/s of link 2, m/s of link 3.
 const LINK_FADE: [[f64; 4]; 2] = [[0.001, 0.003, 0.01, 0.03], [1e-4, 3e-4, 1e-3, 3e-3]];
-/// Least time of free motion that recalibrates, s: half of the minute that is asked for, since a
-/// start and rests tell nothing.
-const FREE_S: f64 = 30.0;
+/// Free motion that is asked for, s.
+const MINUTE_S: f64 = 60.0;
+/// Least time of free motion that recalibrates, s: a start and rests tell nothing.
+const FREE_S: f64 = MINUTE_S / 2.0;
 /// Noise with changes between pieces per that without, at the motor where it is least, below which
 /// they are taken for changes of the robot. It was 0.31 at most on the arm of the standard
 /// experiment, and 0.78 at least on one that is the same in all trials (virtual arm, seeds 11 to
@@ -90,8 +91,6 @@ const EVERY: usize = 3;
 const FEW: usize = 5;
 /// Parts of the training that are left out in turn to find its errors.
 const FOLDS: usize = 6;
-/// Free motion that is asked for, s.
-const MINUTE_S: f64 = 60.0;
 /// Rows for each regressor from which there are many.
 const MANY: usize = 12;
 

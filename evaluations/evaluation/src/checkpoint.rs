@@ -9,16 +9,15 @@ use rayon::prelude::*;
 use serde::{de::DeserializeOwned, Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fmt::{self, Display};
-use std::fs::{File, OpenOptions};
-use std::hash::{DefaultHasher, Hasher};
-use std::io::{self, BufRead, BufReader, Write};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 /// The first line of a file.
 #[derive(Serialize, Deserialize)]
 struct Head<O> {
-    /// Hash of the program.
+    /// SHA-256 of the program.
     program: String,
     /// What the outcomes are of, beside the program.
     #[serde(flatten)]
@@ -61,28 +60,32 @@ impl Checkpoint {
         O: Serialize + DeserializeOwned + PartialEq + Display,
         T: DeserializeOwned,
     {
-        let program = this_program()?;
-        let mut done = Vec::new();
+        let program = files::sha256(&std::env::current_exe()?)?;
+        let mut text = String::new();
         if path.exists() {
-            match head::<O>(path)? {
-                Some(head) if head.program == program && head.of == *of => done = outcomes(path)?,
+            text = fs::read_to_string(path)?;
+            match head::<O>(&text) {
+                Some(head) if head.program == program && head.of == *of => {}
                 Some(head) if head.program == program => {
                     return Err(io::Error::other(format!(
                         "has the outcomes of {}; give another file",
                         head.of
                     )))
                 }
-                _ => put_aside(path)?,
+                _ => {
+                    put_aside(path)?;
+                    text.clear();
+                }
             }
         }
         let mut file = OpenOptions::new().create(true).append(true).open(path)?;
-        if file.metadata()?.len() == 0 {
+        if text.is_empty() {
             write_line(&mut file, &Head { program, of })?;
-        } else if !ends_with_a_line(path)? {
+        } else if !text.ends_with('\n') {
             file.write_all(b"\n")?;
         }
         let file = Mutex::new(file);
-        Ok((Self { file }, done))
+        Ok((Self { file }, outcomes(&text)))
     }
 
     /// Adds an outcome.
@@ -100,9 +103,10 @@ impl Checkpoint {
 /// # Errors
 /// The file cannot be read, or does not say what it is of.
 pub fn read<O: DeserializeOwned, T: DeserializeOwned>(path: &Path) -> io::Result<(O, Vec<T>)> {
-    let head = head::<O>(path)?
+    let text = fs::read_to_string(path)?;
+    let head = head::<O>(&text)
         .ok_or_else(|| io::Error::other("does not begin with what its outcomes are of"))?;
-    Ok((head.of, outcomes(path)?))
+    Ok((head.of, outcomes(&text)))
 }
 
 /// The outcomes of all cases, in the order of the cases, on all processors, with progress on
@@ -169,47 +173,29 @@ where
     outcomes
 }
 
-/// Hash of the program that runs.
-fn this_program() -> io::Result<String> {
-    let mut hasher = DefaultHasher::new();
-    hasher.write(&std::fs::read(std::env::current_exe()?)?);
-    Ok(format!("{:016x}", hasher.finish()))
-}
-
 /// A file's first line; `None` where it is none.
-fn head<O: DeserializeOwned>(path: &Path) -> io::Result<Option<Head<O>>> {
-    let first = BufReader::new(File::open(path)?).lines().next();
-    Ok(first
-        .transpose()?
-        .and_then(|line| serde_json::from_str(&line).ok()))
+fn head<O: DeserializeOwned>(text: &str) -> Option<Head<O>> {
+    serde_json::from_str(text.lines().next()?).ok()
 }
 
 /// The outcomes of a file.
-fn outcomes<T: DeserializeOwned>(path: &Path) -> io::Result<Vec<T>> {
-    let mut all = Vec::new();
-    for line in BufReader::new(File::open(path)?).lines().skip(1) {
-        if let Ok(outcome) = serde_json::from_str(&line?) {
-            all.push(outcome);
-        }
-    }
-    Ok(all)
+fn outcomes<T: DeserializeOwned>(text: &str) -> Vec<T> {
+    let lines = text.lines().skip(1);
+    lines
+        .filter_map(|line| serde_json::from_str(line).ok())
+        .collect()
 }
 
 fn put_aside(path: &Path) -> io::Result<()> {
     let mut old = path.as_os_str().to_owned();
     old.push(".old");
-    std::fs::rename(path, &old)?;
+    fs::rename(path, &old)?;
     eprintln!(
-        "{} is of another build of the program: beginning anew, it is kept as {}",
+        "{} has no outcomes of this build of the program: beginning anew, it is kept as {}",
         path.display(),
         Path::new(&old).display()
     );
     Ok(())
-}
-
-/// Whether a file's last line is whole.
-fn ends_with_a_line(path: &Path) -> io::Result<bool> {
-    Ok(std::fs::read(path)?.ends_with(b"\n"))
 }
 
 fn write_line(file: &mut File, value: &impl Serialize) -> io::Result<()> {
@@ -243,8 +229,8 @@ mod tests {
         assert_eq!(worked.load(Ordering::Relaxed), 1);
         assert_eq!(run(&[7], "numbers"), Err("seven".to_owned()));
         // The last line was cut off in the middle: its case runs again, and the next line is whole.
-        let text = std::fs::read_to_string(&path).expect("the file");
-        std::fs::write(&path, &text[..text.len() - 4]).expect("written");
+        let text = fs::read_to_string(&path).expect("the file");
+        fs::write(&path, &text[..text.len() - 4]).expect("written");
         assert_eq!(run(&[1, 2, 3, 4], "numbers"), Ok(vec![2, 4, 6, 8]));
         assert_eq!(worked.load(Ordering::Relaxed), 1);
         assert_eq!(run(&[1, 2, 3, 4], "numbers"), Ok(vec![2, 4, 6, 8]));
@@ -252,12 +238,12 @@ mod tests {
         let told = run(&[1], "others").expect_err("of something else");
         assert!(told.contains("the outcomes of numbers"), "{told}");
         // Another build: its outcomes are put aside.
-        let text = std::fs::read_to_string(&path).expect("the file");
+        let text = fs::read_to_string(&path).expect("the file");
         let other = text.replacen("\"program\":\"", "\"program\":\"x", 1);
-        std::fs::write(&path, &other).expect("written");
+        fs::write(&path, &other).expect("written");
         assert_eq!(run(&[1], "numbers"), Ok(vec![2]));
         assert_eq!(worked.load(Ordering::Relaxed), 1);
-        let old = std::fs::read_to_string(folder.path().join("outcomes.jsonl.old"));
+        let old = fs::read_to_string(folder.path().join("outcomes.jsonl.old"));
         assert_eq!(old.expect("kept"), other);
     }
 }

@@ -109,11 +109,13 @@ pub enum Event {
         /// Why the last one was.
         last: Box<Event>,
     },
-    /// No tip came for too long, while states did.
-    #[error("the robot has published no tip (measured_cp) that can be used for {age_s:.3} s ({limit_s} s are allowed, `max_age_s`), while its joints go on")]
+    /// No tip came for too long. States without one may go on, or have just ended too.
+    #[error("the robot has published no tip (measured_cp) that can be used for {age_s:.3} s ({limit_s} s are allowed, `max_age_s`); its newest state came {state_age_s:.3} s ago")]
     TipSilent {
         /// Age of the newest tip, s.
         age_s: f64,
+        /// Age of the newest state, with or without a tip, s.
+        state_age_s: f64,
         /// Allowed, s.
         limit_s: f64,
     },

@@ -335,6 +335,7 @@ impl Watch {
         self.tip_silent = true;
         Some(Event::TipSilent {
             age_s: tip_age,
+            state_age_s: age,
             limit_s,
         })
     }

@@ -224,6 +224,10 @@ fn joints_that_go_on_do_not_keep_a_tip_alive() {
         };
         assert!(matches!(event, Event::TipSilent { .. }) && event.stops());
         assert_eq!(*n, 20, "{event}");
+        assert!(
+            event.to_string().ends_with("newest state came 0.000 s ago"),
+            "{event}"
+        );
     }
     // A robot that tells no tip has none to lose.
     let mut without = Watch::new(WatchConfig::default());
@@ -233,6 +237,27 @@ fn joints_that_go_on_do_not_keep_a_tip_alive() {
         assert_eq!(without.state(&state, 10 * n * MS), Ok(None));
         assert_eq!(without.tick(10 * n * MS), None);
     }
+}
+
+/// The last state was joined with the tip of the state before: a robot that ends there loses its
+/// tip first, and its joints do not go on.
+#[test]
+fn a_robot_that_ends_with_an_older_tip_is_not_said_to_go_on() {
+    let mut watch = watch();
+    for n in 10..20 {
+        let mut state = state(10 * n);
+        state.tip.as_mut().unwrap().stamp_ns = Some(super::tests::state(10 * n - 10).stamp.t_ns);
+        assert_eq!(watch.state(&state, 10 * n * MS), Ok(None));
+    }
+    let told: Vec<_> = (190..400).filter_map(|t| watch.tick(t * MS)).collect();
+    let [tip, all] = told.as_slice() else {
+        panic!("{told:?}")
+    };
+    assert!(tip.stops() && all.stops());
+    let words = tip.to_string();
+    assert!(words.contains("no tip (measured_cp)"), "{words}");
+    assert!(words.ends_with("newest state came 0.091 s ago"), "{words}");
+    assert!(matches!(all, Event::Silent { .. }), "{all}");
 }
 
 #[test]
