@@ -86,7 +86,7 @@ mutants! { MUTANTS:
 }
 
 /// What the campaign is built from, besides the workspace's own files.
-const PARTS: [&str; 14] = [
+const PARTS: [&str; 15] = [
     "board",
     "control",
     "drivers",
@@ -96,6 +96,7 @@ const PARTS: [&str; 14] = [
     "emulator/link",
     "emulator/plant",
     "emulator/usb",
+    "common/files",
     "common/random",
     "common/scene",
     "robot",
