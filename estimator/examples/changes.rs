@@ -157,37 +157,20 @@ const CHANGES: [(&str, Set); 13] = [
     }),
 ];
 
-type Force = fn(f64, f64) -> [f64; 3];
+/// Sizes of a constant force, N.
+const HELD_N: [f64; 2] = [1.0, 2.0];
 
-/// Constant forces, N: their size, and one along each axis.
-const HELD: [(f64, [Force; 3]); 2] = [
-    (
-        1.0,
-        [
-            |_, _| [1.0, 0.0, 0.0],
-            |_, _| [0.0, 1.0, 0.0],
-            |_, _| [0.0, 0.0, 1.0],
-        ],
-    ),
-    (
-        2.0,
-        [
-            |_, _| [2.0, 0.0, 0.0],
-            |_, _| [0.0, 2.0, 0.0],
-            |_, _| [0.0, 0.0, 2.0],
-        ],
-    ),
-];
-
-/// In how many minutes a recalibration tells a force, of trials with each of these forces.
-fn told(text: &str, seed: u64, forces: &[Force]) -> usize {
+/// In how many minutes a recalibration tells a constant force of this size, along each axis in
+/// turn.
+fn told(text: &str, seed: u64, size_n: f64) -> usize {
     let path = TrajectoryConfig::default();
-    (0..forces.len() * TRIALS)
+    (0..3 * TRIALS)
         .into_par_iter()
         .filter(|n| {
             let session = 11 + (n % TRIALS) as u64;
-            let (none, force) = (ChangeConfig::default(), forces[n / TRIALS]);
-            let [_, held] = trial_on(&path, seed, session, none, [0.0, FREE_S], force);
+            let force: [f64; 3] = Vector3::ith(n / TRIALS, size_n).into();
+            let none = ChangeConfig::default();
+            let [_, held] = trial_on(&path, seed, session, none, [0.0, FREE_S], |_, _| force);
             let mut estimator = Estimator::from_json(text).expect("a model");
             let found = estimator.recalibrate(&[&held]).expect("recalibrated");
             found.force_n.is_some()
@@ -203,7 +186,7 @@ fn main() {
     // By change: frozen, and recalibrated.
     let mut scores = vec![[Vec::new(), Vec::new()]; CHANGES.len()];
     let mut unchanged = Vec::new();
-    let (mut told_of_none, mut told_of) = (0, [0; HELD.len()]);
+    let (mut told_of_none, mut told_of) = (0, [0; HELD_N.len()]);
     let mut least = [[0.0; 2]; 2];
     let mut robots = 0.0;
     for seed in &seeds {
@@ -247,8 +230,8 @@ fn main() {
                 }
             }
         }
-        for (count, (_, forces)) in told_of.iter_mut().zip(&HELD) {
-            *count += told(&text, *seed, forces);
+        for (count, size_n) in told_of.iter_mut().zip(HELD_N) {
+            *count += told(&text, *seed, size_n);
         }
         for (n, (of, told)) in found.into_iter().enumerate() {
             told_of_none += usize::from(told);
@@ -284,11 +267,8 @@ fn main() {
         "A constant force in the minute is told in {told_of_none} of {} without one.",
         CHANGES.len() * trials
     );
-    for (count, (size, forces)) in told_of.iter().zip(&HELD) {
-        println!(
-            "One of {size} N is told in {count} of {}.",
-            forces.len() * trials
-        );
+    for (count, size_n) in told_of.iter().zip(HELD_N) {
+        println!("One of {size_n} N is told in {count} of {}.", 3 * trials);
     }
     if kind == Kind::Physics {
         for (size, sums) in [0.1, 0.2].iter().zip(least) {

@@ -41,7 +41,7 @@ pub fn trial_on(
     session: u64,
     change: ChangeConfig,
     [free_s, loaded_s]: [f64; 2],
-    force_n: fn(f64, f64) -> [f64; 3],
+    force_n: impl Fn(f64, f64) -> [f64; 3],
 ) -> [Sequence; 2] {
     let path = TrajectoryConfig {
         duration_s: free_s + loaded_s + 10.0,

@@ -90,7 +90,7 @@ pub enum Event {
         limit_m: f64,
     },
     /// Nothing came for too long.
-    #[error("the robot has published nothing for {age_s:.3} s ({limit_s} s are allowed, `max_age_s`); is its software running?")]
+    #[error("the robot has published nothing for {age_s:.3} s (a state and its tip may be {limit_s} s old, `max_age_s`); is its software running?")]
     Silent {
         /// Age of the newest state, s.
         age_s: f64,
@@ -98,7 +98,7 @@ pub enum Event {
         limit_s: f64,
     },
     /// States came, and none could be used for too long.
-    #[error("the robot has published nothing that can be used for {age_s:.3} s ({limit_s} s are allowed, `max_age_s`); {count} states were left out, the last one: {last}")]
+    #[error("the robot has published nothing that can be used for {age_s:.3} s (a state and its tip may be {limit_s} s old, `max_age_s`); {count} states were left out, the last one: {last}")]
     NoneUsable {
         /// Age of the newest usable state, s.
         age_s: f64,
@@ -109,13 +109,11 @@ pub enum Event {
         /// Why the last one was.
         last: Box<Event>,
     },
-    /// No tip came for too long. States without one may go on, or have just ended too.
-    #[error("the robot has published no tip (measured_cp) that can be used for {age_s:.3} s ({limit_s} s are allowed, `max_age_s`); its newest state came {state_age_s:.3} s ago")]
+    /// No tip came for too long, while states did.
+    #[error("the robot has published no tip (measured_cp) that can be used for {age_s:.3} s ({limit_s} s are allowed, `max_age_s`), while its joints go on")]
     TipSilent {
         /// Age of the newest tip, s.
         age_s: f64,
-        /// Age of the newest state, with or without a tip, s.
-        state_age_s: f64,
         /// Allowed, s.
         limit_s: f64,
     },

@@ -313,7 +313,13 @@ impl Watch {
             return None;
         }
         let age = age_s(since_ns);
-        if age > limit_s {
+        let tip_age = (self.tip.filter(|_| !self.tip_silent)).map_or(0.0, |tip| age_s(tip.at_ns));
+        if age.max(tip_age) <= limit_s {
+            return None;
+        }
+        // A state may have been joined with an older tip. Where the robot ends, its tip is too old
+        // first then: where no state came for most of that time either, its joints do not go on.
+        if age > limit_s.min(tip_age / 2.0) {
             self.silent = true;
             return Some(match self.left_out.clone() {
                 Some((count, last)) => Event::NoneUsable {
@@ -328,14 +334,9 @@ impl Watch {
                 },
             });
         }
-        let tip_age = age_s(self.tip.filter(|_| !self.tip_silent)?.at_ns);
-        if tip_age <= limit_s {
-            return None;
-        }
         self.tip_silent = true;
         Some(Event::TipSilent {
             age_s: tip_age,
-            state_age_s: age,
             limit_s,
         })
     }
