@@ -458,6 +458,19 @@ fn dropped_frames_are_counted_by_their_gaps() {
 }
 
 #[test]
+fn an_answer_that_gets_lost_ends_no_run() {
+    let mut board = FakeBoard::new(Behavior::LosesAnswers);
+    let outcome = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap();
+    assert_eq!(outcome.ended, Ended::Done);
+    assert!(outcome.metrics.unwrap().tip_force_error_n < 0.1);
+    // Those that drive among them.
+    for twice in [Command::Arm, Command::Zero { units: 0x3f }] {
+        let got = board.commands.iter().filter(|command| **command == twice);
+        assert_eq!(got.count(), 2, "{twice:?}");
+    }
+}
+
+#[test]
 fn other_devices_are_refused_with_the_reason() {
     for (behavior, words) in [
         (Behavior::OtherAbi(wire::ABI_VERSION + 1), "update forcectl"),

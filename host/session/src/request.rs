@@ -4,6 +4,7 @@ use super::{
     command_name, explain_refusal, system_state_name, LatchedFault, Patience, Session,
     SessionError, PERIOD,
 };
+use control::SystemState;
 use std::time::Duration;
 use wire::message::{BoardConfig, CommandError, Response, Status, UnitConfig};
 use wire::{Command, HostFrame, UNITS};
@@ -12,7 +13,8 @@ use wire::{Command, HostFrame, UNITS};
 /// link's.
 pub(super) const RESPONSE_TIMEOUT: Duration = Duration::from_millis(150);
 /// How often a command is sent before the link counts as lost, where nothing arrives; and where
-/// frames arrive. Every command may be repeated. Four are too few where a byte in 1,000 is damaged
+/// frames arrive. Every command may be repeated; a zero that is repeated while the board zeroes is
+/// refused, which answers the first. Four are too few where a byte in 1,000 is damaged
 /// and the response is long, as that with a unit's configuration is (host/service,
 /// `damaged_lines_and_frames_harm_nobody_else`).
 const ATTEMPTS: (u32, u32) = (4, 6);
@@ -77,6 +79,14 @@ impl Session<'_> {
             }
             self.counters.retries += u64::from(attempt > 0);
             match self.request_once(command, RESPONSE_TIMEOUT)? {
+                // It zeroes as it was asked to: the answer to the copy before got lost.
+                Some(Response::Rejected(CommandError::State(state)))
+                    if attempt > 0
+                        && matches!(command, Command::Zero { .. })
+                        && state == SystemState::Zeroing as u8 =>
+                {
+                    return Ok(Response::Done);
+                }
                 Some(Response::Rejected(refusal)) => {
                     if refusal == CommandError::NotConnected && self.reset_seen {
                         return Err(self.after_reset());

@@ -110,9 +110,16 @@ fn a_rig_of_which_the_board_was_exchanged_is_driven_by_no_client() {
         .write(true)
         .open(terminal)
         .unwrap();
-    program.write_all(&bytes).unwrap();
     let (mut chunk, mut decoder) = ([0; 4096], Decoder::new());
+    let (began, mut asked) = (Instant::now(), None::<Instant>);
     loop {
+        // As a program does: an answer may not have fitted beside the samples, or the script that
+        // left may command still.
+        if asked.is_none_or(|at| at.elapsed() > Duration::from_millis(100)) {
+            assert!(began.elapsed() < PATIENCE, "no refusal");
+            program.write_all(&bytes).unwrap();
+            asked = Some(Instant::now());
+        }
         let length = program.read(&mut chunk).unwrap();
         if refuses(&mut decoder, &chunk[..length], 2) {
             break;

@@ -50,6 +50,8 @@ pub enum Behavior {
     PoseUntil(u64),
     /// Every n-th frame of the board is dropped, though counted.
     Drops(u16),
+    /// The answer to each command gets lost, and the answer to its repetition arrives.
+    LosesAnswers,
 }
 
 /// The board, with the plant that it pulls at.
@@ -75,6 +77,7 @@ pub struct FakeBoard {
     decoder: Decoder,
     connected: bool,
     seq: u16,
+    answer_lost: Option<Command>,
     out: Vec<u8>,
     batch: Option<Batch>,
     configs: [Config; UNITS],
@@ -128,6 +131,7 @@ impl FakeBoard {
             decoder: Decoder::new(),
             connected: false,
             seq: 0,
+            answer_lost: None,
             out: Vec::new(),
             batch: None,
             configs: [Config::default(); UNITS],

@@ -200,7 +200,9 @@ impl FakeBoard {
                 self.board_config = *config;
                 self.tip.set_limit(config.tip_force_limit_un);
             }
-            Command::CommitConfig | Command::Zero { .. } if armed => {
+            Command::CommitConfig | Command::Zero { .. }
+                if armed || self.system == SystemState::Zeroing =>
+            {
                 return Err(CommandError::State(self.system as u8))
             }
             Command::CommitConfig => {
@@ -221,6 +223,10 @@ impl FakeBoard {
                 }
                 let ready = (0..UNITS)
                     .all(|i| matches!(self.unit_state(i), MotorState::Ready | MotorState::Offline));
+                // As on the board: one that is armed stays so.
+                if self.system == SystemState::Running {
+                    return Ok(());
+                }
                 if self.system != SystemState::Ready || !ready {
                     return Err(CommandError::State(self.system as u8));
                 }
@@ -253,6 +259,16 @@ impl FakeBoard {
             if let Ok(Some(frame)) = self.decoder.push::<HostFrame>(*byte) {
                 self.commands.push(frame.command.clone());
                 if let Some(response) = self.respond(&frame.command) {
+                    // The host asks for the status at any time, and waits for nothing.
+                    if self.behavior == Behavior::LosesAnswers
+                        && frame.command != Command::GetStatus
+                    {
+                        if self.answer_lost.as_ref() != Some(&frame.command) {
+                            self.answer_lost = Some(frame.command);
+                            continue;
+                        }
+                        self.answer_lost = None;
+                    }
                     self.send(BoardMessage::Reply(Reply {
                         seq: frame.seq,
                         response,
