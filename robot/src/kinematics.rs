@@ -120,6 +120,20 @@ pub struct TipPose {
     pub rotation: Rotation3<f64>,
 }
 
+fn about_x(angle_rad: f64) -> Rotation3<f64> {
+    let (sin, cos) = libm::sincos(angle_rad);
+    #[rustfmt::skip]
+    let matrix = Matrix3::new(1.0, 0.0, 0.0,  0.0, cos, -sin,  0.0, sin, cos);
+    Rotation3::from_matrix_unchecked(matrix)
+}
+
+fn about_z(angle_rad: f64) -> Rotation3<f64> {
+    let (sin, cos) = libm::sincos(angle_rad);
+    #[rustfmt::skip]
+    let matrix = Matrix3::new(cos, -sin, 0.0,  sin, cos, 0.0,  0.0, 0.0, 1.0);
+    Rotation3::from_matrix_unchecked(matrix)
+}
+
 /// Frames 1 to 6 in frame 0.
 fn frames(q: &Joints) -> [TipPose; 6] {
     let mut rotation = Rotation3::identity();
@@ -131,9 +145,9 @@ fn frames(q: &Joints) -> [TipPose; 6] {
         } else {
             (row.theta_rad + q[i], row.d_m)
         };
-        rotation *= Rotation3::from_axis_angle(&Vector3::x_axis(), row.alpha_rad);
+        rotation *= about_x(row.alpha_rad);
         position_m += rotation * Vector3::new(row.a_m, 0.0, 0.0);
-        rotation *= Rotation3::from_axis_angle(&Vector3::z_axis(), theta);
+        rotation *= about_z(theta);
         position_m += rotation * Vector3::new(0.0, 0.0, d);
         TipPose {
             position_m,
@@ -261,16 +275,17 @@ fn straight(position_m: Vector3<f64>, side: f64, sign: f64) -> Option<[f64; 3]> 
     }
     let axis = -position_m * (side / reach);
     // axis = Rz(a) Rx(75) Rz(b) Rx(128) z, with a = q1 + 205, b = q2 + 180 degrees.
-    let (s1, c1) = TABLE[1].alpha_rad.sin_cos();
-    let (s2, c2) = TABLE[2].alpha_rad.sin_cos();
+    let (s1, c1) = libm::sincos(TABLE[1].alpha_rad);
+    let (s2, c2) = libm::sincos(TABLE[2].alpha_rad);
     let cos_b = (c1 * c2 - axis.z) / (s1 * s2);
     if cos_b.abs() > 1.0 {
         return None;
     }
-    let b = sign * cos_b.acos();
+    let b = sign * libm::acos(cos_b);
     // Before Rz(a): x = s2 sin b, y = -c1 s2 cos b - s1 c2.
-    let (x, y) = (s2 * b.sin(), -c1 * s2 * b.cos() - s1 * c2);
-    let a = axis.y.atan2(axis.x) - y.atan2(x);
+    let (sin_b, cos_b) = libm::sincos(b);
+    let (x, y) = (s2 * sin_b, -c1 * s2 * cos_b - s1 * c2);
+    let a = libm::atan2(axis.y, axis.x) - libm::atan2(y, x);
     let wrapped = |angle: f64| (angle + PI).rem_euclid(2.0 * PI) - PI;
     Some([
         wrapped(a - TABLE[0].theta_rad),

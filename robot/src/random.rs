@@ -38,7 +38,7 @@ impl Random {
 
     /// Uniform in the logarithm between the two, both positive.
     pub fn log_uniform(&mut self, low: f64, high: f64) -> f64 {
-        low * (high / low).powf(self.unit())
+        low * libm::pow(high / low, self.unit())
     }
 
     /// Standard normal.

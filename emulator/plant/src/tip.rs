@@ -104,7 +104,7 @@ fn sum_of_sinusoids(axes: &[Vec<Sinusoid>; 3], s: f64) -> (Vec3, Vec3) {
     let mut velocity = [0.0; 3];
     for (k, axis) in axes.iter().enumerate() {
         for w in axis {
-            let (sin, cos) = (w.omega_rad_per_s * s + w.phase_rad).sin_cos();
+            let (sin, cos) = libm::sincos(w.omega_rad_per_s * s + w.phase_rad);
             position[k] += w.amplitude_m * sin;
             velocity[k] += w.amplitude_m * w.omega_rad_per_s * cos;
         }
@@ -127,7 +127,7 @@ impl Path {
                         let band = (i as f64 + rng.unit()) / p.harmonics as f64;
                         axis.push(Sinusoid {
                             amplitude_m: p.half_extent_m[k] * weight / total,
-                            omega_rad_per_s: p.period_ratio.powf(band),
+                            omega_rad_per_s: libm::pow(p.period_ratio, band),
                             phase_rad: rng.uniform(0.0, TAU),
                         });
                     }
@@ -397,7 +397,7 @@ impl PathTip {
 /// give of the cables, and a longer way would swing.
 fn toward(plant: &PlantConfig) -> [Vec3; 3] {
     let robot = &plant.robot;
-    let relaxes = 1.0 - (-(plant.step_ns as f64) * 1e-9 / robot.tip_relaxation_s).exp();
+    let relaxes = 1.0 - libm::exp(-(plant.step_ns as f64) * 1e-9 / robot.tip_relaxation_s);
     let mut stiffness = Matrix3::zeros();
     for place in &plant.units {
         let cable = Vector3::from(place.position_m) - Vector3::from(robot.workspace_center_m);

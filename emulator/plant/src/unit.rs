@@ -143,7 +143,7 @@ impl Shared {
             supply_v: a.supply_v,
             per_ohm: d.resistance_ohm.recip(),
             back_emf_v_s_per_m: d.torque_constant_n_m_per_a * motor_rad_per_m,
-            current_part: 1.0 - (-TAU * a.bandwidth_hz * h_s).exp(),
+            current_part: 1.0 - libm::exp(-TAU * a.bandwidth_hz * h_s),
             n_per_a: d.tension_per_current_n_per_a(),
             radius_m: d.reel_radius_m,
             per_radius_m: d.reel_radius_m.recip(),

@@ -82,7 +82,7 @@ impl Profile {
             return Vector3::zeros();
         };
         let part = ((t_s - m.start_s) / m.duration_s).clamp(0.0, 1.0);
-        m.from_n + (m.to_n - m.from_n) * (0.5 * (1.0 - (PI * part).cos()))
+        m.from_n + (m.to_n - m.from_n) * (0.5 * (1.0 - libm::cos(PI * part)))
     }
 }
 

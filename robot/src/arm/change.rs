@@ -140,7 +140,7 @@ impl Change {
     /// Coulomb friction of every contact per that of the parameters, at a time since power-on.
     pub fn friction(&self, time_s: f64) -> f64 {
         let c = &self.config;
-        self.level * (1.0 + c.warm_up * (-time_s / c.warm_up_s).exp())
+        self.level * (1.0 + c.warm_up * libm::exp(-time_s / c.warm_up_s))
     }
 
     /// The same of a contact that moves this way.
@@ -156,11 +156,11 @@ impl Change {
         if self.config.ripple == 0.0 {
             return 1.0;
         }
-        1.0 + self.config.ripple * (angle + self.ripple_phase[i]).sin()
+        1.0 + self.config.ripple * libm::sin(angle + self.ripple_phase[i])
     }
 
     /// Torque at the elbow, N·m.
     pub fn drag_n_m(&self, time_s: f64) -> f64 {
-        self.config.drag_n_m * (TAU * time_s / DRAG_S + self.drag_phase).sin()
+        self.config.drag_n_m * libm::sin(TAU * time_s / DRAG_S + self.drag_phase)
     }
 }

@@ -52,8 +52,8 @@ impl Body {
     #[must_use]
     pub fn new(mass_kg: [f64; 3]) -> Self {
         let mut body = Self {
-            sin_cos_75: (75.0 * DEG).sin_cos(),
-            sin_cos_128: (128.0 * DEG).sin_cos(),
+            sin_cos_75: libm::sincos(75.0 * DEG),
+            sin_cos_128: libm::sincos(128.0 * DEG),
             mass_kg: MASS_KG,
             payload_kg: 0.0,
             extra: [0.0; 3],
@@ -88,8 +88,8 @@ impl Body {
     #[inline]
     #[must_use]
     pub fn tip(&self, q: [f64; 3]) -> Vector3<f64> {
-        let (sa, ca) = (q[0] + 205.0 * DEG).sin_cos();
-        let (sb, cb) = (q[1] + 180.0 * DEG).sin_cos();
+        let (sa, ca) = libm::sincos(q[0] + 205.0 * DEG);
+        let (sb, cb) = libm::sincos(q[1] + 180.0 * DEG);
         self.insertion_axis(sa, ca, sb, cb) * (q[2] - TOOL_M)
     }
 
@@ -103,8 +103,8 @@ impl Body {
     /// Axes and places at these joints (rad, rad, m).
     #[must_use]
     pub fn geometry(&self, q: [f64; 3]) -> Geometry {
-        let (sa, ca) = (q[0] + 205.0 * DEG).sin_cos();
-        let (sb, cb) = (q[1] + 180.0 * DEG).sin_cos();
+        let (sa, ca) = libm::sincos(q[0] + 205.0 * DEG);
+        let (sb, cb) = libm::sincos(q[1] + 180.0 * DEG);
         let (s1, c1) = self.sin_cos_75;
         let about_z = |v: Vector3<f64>| Vector3::new(ca * v.x - sa * v.y, sa * v.x + ca * v.y, v.z);
         // Rz(a) Rx(75), then Rz(b).

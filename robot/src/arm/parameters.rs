@@ -208,7 +208,7 @@ impl Draw {
 
     fn one(&mut self, range: Range) -> f64 {
         let value = self.random.log_uniform(range.low, range.high);
-        range.nominal * (value / range.nominal).powf(self.scatter)
+        range.nominal * libm::pow(value / range.nominal, self.scatter)
     }
 
     fn three(&mut self, ranges: [Range; 3]) -> [f64; 3] {
@@ -219,8 +219,8 @@ impl Draw {
     fn with_common(&mut self, common: f64, ranges: [Range; 3]) -> [f64; 3] {
         ranges.map(|range| {
             let part = 0.5 * (common + self.random.unit());
-            let value = range.low * (range.high / range.low).powf(part);
-            range.nominal * (value / range.nominal).powf(self.scatter)
+            let value = range.low * libm::pow(range.high / range.low, part);
+            range.nominal * libm::pow(value / range.nominal, self.scatter)
         })
     }
 

@@ -179,7 +179,7 @@ impl Trajectory {
             let index = moves.partition_point(|m| m.start_s <= t_s).max(1) - 1;
             let m = &moves[index];
             let part = ((t_s - m.start_s) / m.duration_s).clamp(0.0, 1.0);
-            let (sin, cos) = (PI * part).sin_cos();
+            let (sin, cos) = libm::sincos(PI * part);
             target.position[i] = m.from + (m.to - m.from) * 0.5 * (1.0 - cos);
             if part > 0.0 && part < 1.0 {
                 target.velocity[i] = (m.to - m.from) * 0.5 * PI * sin / m.duration_s;

@@ -51,7 +51,7 @@ impl Modifiers {
     pub fn friction_excess_n(&self, v_m_per_s: f64) -> f64 {
         self.stribeck
             .iter()
-            .map(|s| s.excess_n * (-(v_m_per_s / s.velocity_m_per_s).powi(2)).exp())
+            .map(|s| s.excess_n * libm::exp(-(v_m_per_s / s.velocity_m_per_s).powi(2)))
             .sum()
     }
 
@@ -62,7 +62,7 @@ impl Modifiers {
             .iter()
             .map(|c| {
                 let age_s = time_s + self.run as f64 * c.run_s;
-                c.end_n + (c.begin_n - c.end_n) * (-age_s / c.time_constant_s).exp()
+                c.end_n + (c.begin_n - c.end_n) * libm::exp(-age_s / c.time_constant_s)
             })
             .sum()
     }
@@ -78,7 +78,7 @@ impl Modifiers {
                     Shaft::Reel => reel_rad,
                     Shaft::Motor => motor_rad,
                 };
-                p.amplitude_n * (p.order * angle + p.phase_rad).sin()
+                p.amplitude_n * libm::sin(p.order * angle + p.phase_rad)
             })
             .sum();
         periodic + tones_n(&self.drive_tones, time_s)
@@ -105,13 +105,13 @@ impl Modifiers {
 
 impl TemperatureDrift {
     fn rise_at(&self, time_s: f64) -> f64 {
-        self.rise_k * (1.0 - (-time_s / self.time_constant_s).exp())
+        self.rise_k * (1.0 - libm::exp(-time_s / self.time_constant_s))
     }
 }
 
 fn tones_n(tones: &[Tone], time_s: f64) -> f64 {
     tones
         .iter()
-        .map(|t| t.amplitude_n * (TAU * t.frequency_hz * time_s + t.phase_rad).sin())
+        .map(|t| t.amplitude_n * libm::sin(TAU * t.frequency_hz * time_s + t.phase_rad))
         .sum()
 }
