@@ -51,7 +51,7 @@ fn simulate(seed: u64) -> Result<Vec<Row>, Box<dyn Error>> {
         let truth = arm.truth();
         let along = arm.direction_of_joint(0);
         let lever: f64 = along.iter().map(|a| a * a).sum::<f64>().sqrt();
-        let wanted = CONTACT.0 * (TAU * t_s / CONTACT.1).sin();
+        let wanted = CONTACT.0 * libm::sin(TAU * t_s / CONTACT.1);
         let force = along.map(|a| a / lever * wanted / lever);
         arm.step(H, true, force);
         if step % 20 == 0 {
@@ -93,11 +93,11 @@ fn share(rows: &[Row]) -> f64 {
         let mean = used.iter().map(|row| value(row)).sum::<f64>() / n;
         let (mut s, mut c) = (0.0, 0.0);
         for row in &used {
-            let (sin, cos) = (TAU * row.t_s / CONTACT.1).sin_cos();
+            let (sin, cos) = libm::sincos(TAU * row.t_s / CONTACT.1);
             s += (value(row) - mean) * sin * 2.0 / n;
             c += (value(row) - mean) * cos * 2.0 / n;
         }
-        s.hypot(c)
+        libm::hypot(s, c)
     };
     amplitude(|row| row.command) / amplitude(|row| row.contact)
 }

@@ -139,7 +139,7 @@ impl Motion {
                 self.misfit += (misfit - self.misfit) * (dt_s / AVERAGING_S);
                 // By a factor of e in AVERAGING_S at most.
                 let rate = (self.misfit - MOST_MISFIT).clamp(-1.0, 1.0) * dt_s / AVERAGING_S;
-                self.jerk = (self.jerk * rate.exp()).clamp(JERK_POWER.0, JERK_POWER.1);
+                self.jerk = (self.jerk * libm::exp(rate)).clamp(JERK_POWER.0, JERK_POWER.1);
                 self.at_s = at_s;
             }
             _ => {
@@ -242,12 +242,12 @@ mod tests {
             let t = f64::from(n) * period_s;
             // Uniform, with the same standard deviation.
             let mut pose = |x: f64| x + noise_m * 12f64.sqrt() * (rng.random::<f64>() - 0.5);
-            let x = 0.015 * (omega * t).sin();
+            let x = 0.015 * libm::sin(omega * t);
             motion.see(t, Vector3::new(pose(x), pose(0.1), pose(-0.1)));
             if t > 2.0 {
                 let at = t + ahead_s;
                 let velocity = motion.velocity_at(at).unwrap();
-                let true_x = 0.015 * omega * (omega * at).cos();
+                let true_x = 0.015 * omega * libm::cos(omega * at);
                 squares += (velocity.m_per_s[0] - true_x).powi(2);
                 told += velocity.sd_m_per_s;
                 count += 1.0;
@@ -296,7 +296,7 @@ mod tests {
         for n in 0..6_000 {
             let t = f64::from(n) * 0.01;
             let mut scatter = |sd: f64| sd * 12f64.sqrt() * (rng.random::<f64>() - 0.5);
-            let x = 0.015 * (std::f64::consts::TAU / 5.0 * t).sin();
+            let x = 0.015 * libm::sin(std::f64::consts::TAU / 5.0 * t);
             let position_m = Vector3::new(x, 0.1, -0.1).map(|x| x + scatter(noise_m));
             let is = foretold
                 .see(t + scatter(jitter_s), position_m, t + 0.005)

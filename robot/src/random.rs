@@ -6,7 +6,6 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::StandardNormal;
 
 /// One stream.
 #[derive(Debug, Clone)]
@@ -43,7 +42,8 @@ impl Random {
 
     /// Standard normal.
     pub fn normal(&mut self) -> f64 {
-        self.0.sample(StandardNormal)
+        let (first, second) = (self.unit(), self.unit());
+        random::normal(first, second)
     }
 }
 

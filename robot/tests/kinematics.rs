@@ -21,13 +21,13 @@ const TABLE: [[f64; 4]; 6] = [
 fn oracle(q: &Joints) -> Matrix4<f64> {
     let mut product = Matrix4::identity();
     for (i, [alpha, a, d, theta]) in TABLE.into_iter().enumerate() {
-        let (sa, ca) = alpha.to_radians().sin_cos();
+        let (sa, ca) = libm::sincos(alpha.to_radians());
         let (theta, d) = if i == 2 {
             (theta.to_radians(), d + q[2])
         } else {
             (theta.to_radians() + q[i], d)
         };
-        let (st, ct) = theta.sin_cos();
+        let (st, ct) = libm::sincos(theta);
         #[rustfmt::skip]
         let link = Matrix4::new(
             ct, -st, 0.0, a,

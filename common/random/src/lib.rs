@@ -54,8 +54,8 @@ impl SplitMix64 {
 
     /// Standard normal (Box and Muller).
     pub fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * libm::log(1.0 - self.unit())).sqrt();
-        radius * libm::cos(std::f64::consts::TAU * self.unit())
+        let (first, second) = (self.unit(), self.unit());
+        normal(first, second)
     }
 
     /// Standard normal, drawn again where it is further than `most` from 0.
@@ -67,6 +67,12 @@ impl SplitMix64 {
             }
         }
     }
+}
+
+/// Standard normal from two that are uniform in [0, 1) (Box and Muller).
+#[must_use]
+pub fn normal(first: f64, second: f64) -> f64 {
+    (-2.0 * libm::log(1.0 - first)).sqrt() * libm::cos(std::f64::consts::TAU * second)
 }
 
 /// Uniform in [0, 1), the same for the same number: the draw of this number from the stream that

@@ -51,8 +51,8 @@ pub(crate) fn tilted(axis: Vec3, tilt_rad: [f64; 2]) -> Vec3 {
     unit(add(
         axis,
         add(
-            scale(first, tilt_rad[0].tan()),
-            scale(second, tilt_rad[1].tan()),
+            scale(first, libm::tan(tilt_rad[0])),
+            scale(second, libm::tan(tilt_rad[1])),
         ),
     ))
 }

@@ -1,5 +1,8 @@
 //! Each optional effect acts as documented: the same rig with and without it, side by side.
 
+// An oracle of its own.
+#![expect(clippy::disallowed_methods)]
+
 mod common;
 use common::{gauge, least_squares, volts_for_pull};
 use plant::config::PathConfig;

@@ -54,8 +54,9 @@ pub fn paced(
     .unwrap();
     arm.follow(path);
     let phase = trial as f64;
-    let force =
-        |t: f64| loaded * (2.5 * (0.21 * t + phase).sin() + 1.5 * (0.083 * t + 2.0 * phase).sin());
+    let force = |t: f64| {
+        loaded * (2.5 * libm::sin(0.21 * t + phase) + 1.5 * libm::sin(0.083 * t + 2.0 * phase))
+    };
     rows(&mut arm, trial, seconds, |t| {
         [0.1 * force(t), force(t), 0.0]
     })

@@ -31,7 +31,7 @@ pub fn along_y(t: f64, phase: f64) -> [f64; 3] {
 
 /// Rates of 0.1 to 0.3 N/s, as in the thesis.
 pub fn wave(t: f64, phase: f64) -> f64 {
-    2.5 * (0.083 * t + phase).sin() + 1.8 * (0.051 * t + 2.0 * phase).sin()
+    2.5 * libm::sin(0.083 * t + phase) + 1.8 * libm::sin(0.051 * t + 2.0 * phase)
 }
 
 /// The same with a force and speeds of one's own. `times_s`: without and with the force.
