@@ -112,6 +112,7 @@ fn table(seeds: (u64, u64, f64)) {
     let known = [
         ("encoder alone", None),
         ("Raven, 1 kHz", Some(Poses::RAVEN)),
+        ("100 Hz, no noise", Some(Poses::dvrk(0.0, 0.0))),
         ("100 Hz, 2 um", Some(Poses::dvrk(2e-6, 0.0))),
         ("2 um, 0.1 ms", Some(Poses::dvrk(2e-6, 100.0))),
         ("2 um, 1 ms", Some(Poses::dvrk(2e-6, 1_000.0))),
@@ -124,7 +125,7 @@ fn table(seeds: (u64, u64, f64)) {
         println!("{name}");
         for (known, poses) in known {
             let (rms, worst, peak) = figures(&plant, &Config::nominal(), poses, seeds);
-            println!("  {known:14} {rms:.4} / {worst:.4} / {peak:.3}");
+            println!("  {known:16} {rms:.4} / {worst:.4} / {peak:.3}");
         }
     }
     println!(
@@ -136,7 +137,7 @@ fn table(seeds: (u64, u64, f64)) {
             .collect();
         let longest = times.iter().fold(0.0, |a: f64, b| a.max(*b));
         let late = times.iter().filter(|t| **t > 0.5).count();
-        println!("  {known:14} {longest:.3}   {late}");
+        println!("  {known:16} {longest:.3}   {late}");
     }
 }
 
