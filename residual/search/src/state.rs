@@ -70,6 +70,10 @@ fn unlimited(stops: &[Option<f64>], spec: &Spec, data: &Data) -> Option<String> 
     Some(declared::prediction_expression(&fitted))
 }
 
+/// Share of the target's RMS below which an error is rounding: a log of a simulation without noise
+/// leaves 1e-16 of it behind the right model, and that has structure.
+const ROUNDING: f64 = 1e-9;
+
 impl<'a> Search<'a> {
     /// Fits the declared model and prepares the search.
     pub fn new(
@@ -97,7 +101,9 @@ impl<'a> Search<'a> {
                 thin
             }),
             declared: Arc::new(declared),
-            floor: spec.roles.target.noise_floor.max(steps),
+            floor: (spec.roles.target.noise_floor)
+                .max(steps)
+                .max(ROUNDING * stats::rms(&problem.y)),
             problem,
             spec,
             tests: 1,
@@ -171,6 +177,12 @@ impl<'a> Search<'a> {
             floor: self.floor,
             rows: self.problem.y.len(),
         }
+    }
+
+    /// Whether this sum of squared errors is of rounding alone: the model is exact.
+    pub fn is_rounding(&self, squares: f64) -> bool {
+        let rms = (squares / self.problem.y.len().max(1) as f64).sqrt();
+        rms <= ROUNDING * stats::rms(&self.problem.y)
     }
 
     /// Whether the search may look for an effect: the model file lets it, and its name was not

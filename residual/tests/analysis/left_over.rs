@@ -65,6 +65,22 @@ fn a_limited_search_does_not_say_that_nothing_is_missing() {
     assert!(report.baseline.heldout_rmse > 0.0);
 }
 
+/// What arithmetic leaves behind a model that fits exactly is nothing, and has no structure.
+#[test]
+fn a_log_without_noise_lacks_nothing() {
+    type Left = fn(usize, f64) -> f64;
+    let exact: [Left; 4] = [
+        |_, _| 0.0,
+        |_, _| 0.2,
+        |_, c| 0.37 * c - 1.3,
+        |_, c| f64::from((1.7 * c) as f32) - c,
+    ];
+    for (k, left) in exact.into_iter().enumerate() {
+        let report = report("", |i, c, _| left(i, c));
+        assert_eq!(report.verdict, Verdict::None, "{k}: {}", report.summary());
+    }
+}
+
 /// Six periods over the range of the load: no effect of the catalogue, and too fine for a curve
 /// with few knots.
 #[test]

@@ -125,13 +125,18 @@ impl Leftover {
         let held = fitted.squares();
         let before = search.declared.fit.scores.held_total(0);
         let mut out = Leftover {
-            structure: forms.iter().take(LISTED).map(structure).collect(),
+            structure: vec![],
             unexplained: false,
-            largest: forms.first().map(|c| c.origin.clone()),
+            largest: None,
             explained: (before - held).max(0.0),
             when: false,
             notes: vec![],
         };
+        if search.is_rounding(held) {
+            return Ok(out);
+        }
+        out.structure = forms.iter().take(LISTED).map(structure).collect();
+        out.largest = forms.first().map(|c| c.origin.clone());
         out.unexplained = match forms.first() {
             None => false,
             Some(c) if out.large(c.base - c.held) => true,
