@@ -48,6 +48,14 @@ pub enum InputError {
         /// The columns that are there.
         found: String,
     },
+    /// Neither standard errors nor enough repeats to tell them.
+    #[error("{at}: there is no column `standard_error`, and {why}; enter the standard error of each code, or weigh again")]
+    NoScatter {
+        /// The header line.
+        at: Location,
+        /// What the repeats are.
+        why: String,
+    },
     /// A column that nothing reads, or one that is there twice.
     #[error("{at}: column `{column}` is {problem}; known columns are {known}")]
     BadColumn {
@@ -234,6 +242,14 @@ impl Table {
             column: column.to_owned(),
             found: self.header.join(", "),
         })
+    }
+
+    /// The error of a table that tells no scatter of its codes.
+    pub(crate) fn no_scatter(&self, why: String) -> InputError {
+        InputError::NoScatter {
+            at: self.header_at.clone(),
+            why,
+        }
     }
 
     /// The text of a cell.

@@ -160,16 +160,9 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
         .collect();
     let mut readings = readings?;
     if error.is_none() {
-        match scatter_of_repeats(&readings) {
-            Some(scatter) => {
-                for reading in &mut readings {
-                    reading.standard_error_codes = scatter;
-                }
-            }
-            // There is none: an error that names it.
-            None => {
-                table.column("standard_error")?;
-            }
+        let scatter = scatter_of_repeats(&readings).map_err(|why| table.no_scatter(why))?;
+        for reading in &mut readings {
+            reading.standard_error_codes = scatter;
         }
     }
     Ok(readings)
@@ -179,9 +172,9 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
 /// of two only.
 const LEAST_REPEATS: usize = 4;
 
-/// Standard deviation of a reading, codes, from the readings of the same weight. `None` with fewer
-/// than [`LEAST_REPEATS`] repeats.
-fn scatter_of_repeats(readings: &[Reading]) -> Option<f64> {
+/// Standard deviation of a reading, codes, from the readings of the same weight, or why they tell
+/// none.
+fn scatter_of_repeats(readings: &[Reading]) -> Result<f64, String> {
     let (mut square, mut free) = (0.0, 0);
     for (i, reading) in readings.iter().enumerate() {
         let same = || readings.iter().filter(|r| r.weight_g == reading.weight_g);
@@ -193,8 +186,15 @@ fn scatter_of_repeats(readings: &[Reading]) -> Option<f64> {
             free += count - 1;
         }
     }
-    let scatter = (square / free as f64).sqrt();
-    (free >= LEAST_REPEATS && scatter > 0.0).then_some(scatter)
+    if free < LEAST_REPEATS {
+        return Err(format!(
+            "lines that repeat a weight stand for it from {LEAST_REPEATS} on, here are {free}"
+        ));
+    }
+    if square <= 0.0 {
+        return Err("the lines that repeat a weight have the same code".to_owned());
+    }
+    Ok((square / free as f64).sqrt())
 }
 
 /// The readings with corrections made and lines left out, or what can't be used.

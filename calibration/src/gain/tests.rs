@@ -426,7 +426,10 @@ fn bad_input_is_an_error_with_its_place() {
     assert!(message("weight_g,code,standard_error\n50,NaN,3\n").starts_with("w.csv:2: `NaN`"));
     assert!(message("weight_g,code,standard_error\n-5,1,3\n").starts_with("w.csv:2: `-5`"));
     assert!(message("weight_g,code,standard_error\n5,1,0\n").contains("standard error is above 0"));
-    assert!(message("weight_g,code\n5,1\n").contains("no column `standard_error`"));
+    let few = message("weight_g,code\n0,100\n0,112\n500,716100\n");
+    assert!(few.contains("no column `standard_error`") && few.contains("from 4 on, here are 1"));
+    let same = message(&format!("weight_g,code\n{}", "0,100\n".repeat(5)));
+    assert!(same.contains("the same code"), "{same}");
     assert!(
         message("weight_g,code,standard_error,direction\n5,1,1,up\n")
             .contains("`loading` or `unloading`")
