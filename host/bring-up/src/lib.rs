@@ -29,7 +29,9 @@ pub mod steps;
 pub mod tension;
 mod window;
 
-use session::SessionError;
+use session::{LatchedFault, Session, SessionError};
+use wire::message::CommandError;
+use wire::Command;
 
 /// Why the tests could not go on. The motors are at 0 V.
 #[derive(Debug, thiserror::Error)]
@@ -49,4 +51,30 @@ pub enum BringUpError {
     /// The question could not be asked.
     #[error("{0}")]
     Question(String),
+}
+
+/// That of a board that somebody has stopped: it stays so, whatever the tests were about to do.
+fn stopped_by_host() -> LatchedFault {
+    LatchedFault::new(control::Fault::HostStop.code(), 0)
+}
+
+/// Clears what is latched, as far as its cause is gone.
+fn clear(session: &mut Session<'_>) -> Result<(), BringUpError> {
+    if session.get_status()?.fault == stopped_by_host().code {
+        return Err(SessionError::Fault(stopped_by_host()).into());
+    }
+    refused(session, &Command::ClearFaults).map(drop)
+}
+
+/// Asks the board; why it refused, where it did.
+fn refused(session: &mut Session<'_>, command: &Command) -> Result<Option<String>, BringUpError> {
+    match session.command(command) {
+        Ok(_) => Ok(None),
+        Err(SessionError::Refused {
+            refusal: CommandError::Faulted(code),
+            ..
+        }) if code == stopped_by_host().code => Err(SessionError::Fault(stopped_by_host()).into()),
+        Err(SessionError::Refused { why, .. }) => Ok(Some(why)),
+        Err(error) => Err(error.into()),
+    }
 }

@@ -18,7 +18,7 @@ use crate::window::{scales, Rest, Window};
 use crate::BringUpError;
 use control::Fault;
 use rig::Rig;
-use session::{Session, SessionError};
+use session::Session;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use wire::message::{Ripple, UnitConfig, UnitSetpoint, RIPPLES};
@@ -152,11 +152,8 @@ pub(crate) fn test(
             break;
         }
         let quiet = Window::over(session, REST)?;
-        if let Err(error) = session.command(&Command::Arm) {
-            let SessionError::Refused { why, .. } = error else {
-                return Err(error.into());
-            };
-            figures.refused = Some(why);
+        figures.refused = crate::refused(session, &Command::Arm)?;
+        if figures.refused.is_some() {
             break;
         }
         let (pulse, fault) = one(session, rig, works, unit, command_n, &quiet)?;
@@ -240,10 +237,8 @@ fn one(
         .find(|fault| !matches!(*fault, 0) && *fault != Fault::SetpointsExpired.code())
         .unwrap_or(0);
     // A fault that stays keeps the board from being armed again; the next unit's test says so.
-    match session.command(&Command::ClearFaults) {
-        Ok(_) | Err(SessionError::Refused { .. }) => Ok((figures, fault)),
-        Err(error) => Err(error.into()),
-    }
+    crate::clear(session)?;
+    Ok((figures, fault))
 }
 
 #[cfg(test)]

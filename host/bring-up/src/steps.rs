@@ -10,7 +10,7 @@ use crate::BringUpError;
 use control::{Fault, MotorState, SystemState};
 use rig::Rig;
 use serde::{Deserialize, Serialize};
-use session::{Patience, Session, SessionError, PERIOD};
+use session::{Patience, Session, PERIOD};
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -258,10 +258,8 @@ impl<'a, 's> Bench<'a, 's> {
 
     /// Clears what is latched, as far as its cause is gone, and waits until the units are up again.
     fn clear(&mut self) -> Result<Status, BringUpError> {
-        match self.session.command(&Command::ClearFaults) {
-            Ok(_) | Err(SessionError::Refused { .. }) => self.wait_units(),
-            Err(error) => Err(error.into()),
-        }
+        crate::clear(self.session)?;
+        self.wait_units()
     }
 
     fn board(&mut self) -> Result<BoardFigures, BringUpError> {

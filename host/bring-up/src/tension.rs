@@ -21,7 +21,7 @@ use crate::window::{mean, Rest, Window};
 use crate::BringUpError;
 use control::Fault;
 use rig::{Rig, UnitSettings};
-use session::{SessionError, TimedSample, PERIOD};
+use session::{TimedSample, PERIOD};
 use std::f64::consts::TAU;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -105,11 +105,8 @@ pub(crate) fn test(drive: &mut Drive<'_, '_>, unit: usize) -> Result<TensionFigu
         idle: Vec::new(),
         drive,
     };
-    if let Err(error) = run.drive.session.command(&Command::Arm) {
-        let SessionError::Refused { why, .. } = error else {
-            return Err(error.into());
-        };
-        run.figures.refused = Some(why);
+    run.figures.refused = crate::refused(run.drive.session, &Command::Arm)?;
+    if run.figures.refused.is_some() {
         return Ok(run.figures);
     }
     let ended = run.take_up().and_then(|tight| {
@@ -336,10 +333,8 @@ impl Run<'_, '_, '_> {
         }
         let session = &mut *self.drive.session;
         session.configure(&loose)?;
-        match session.command(&Command::ClearFaults) {
-            Ok(_) | Err(SessionError::Refused { .. }) => Ok(figures),
-            Err(error) => Err(error.into()),
-        }
+        crate::clear(session)?;
+        Ok(figures)
     }
 }
 

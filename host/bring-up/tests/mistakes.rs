@@ -3,15 +3,19 @@
 
 mod common;
 
+use bring_up::figures::Figures;
 use bring_up::mistake::Mistake;
 use bring_up::pulse::{configs, BLIND_N, PULSE_MS};
+use bring_up::steps::{Bench, Plan, Test};
+use bring_up::BringUpError;
 use common::*;
 use core_sim::Options;
 use emulator_link::Injection;
 use rig::Rig;
 use session::link::fast::FastRig;
 use session::link::RigLink;
-use session::Session;
+use session::{Session, SessionError};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use wire::message::UnitSetpoint;
 use wire::{Command, UNITS};
@@ -94,6 +98,53 @@ fn a_motor_that_nothing_answers_gets_no_more_than_the_blind_pulses() {
     );
 }
 
+/// `forcectl stop` from another terminal, or a stop at the board's other port.
+#[test]
+fn a_stop_from_elsewhere_ends_the_tests_and_is_not_cleared() {
+    let rig = Rig::built_in().unwrap();
+    let stop = AtomicBool::new(false);
+    let plan = Plan {
+        units: vec![0, 1],
+        pull_mm: 60.0,
+        weight_n: Some(WEIGHT_N),
+        stop: &stop,
+    };
+    for (test, stops_at_ms) in [(Test::Power, 4), (Test::Motors, 4), (Test::Tension, 200)] {
+        let mut link = Watched {
+            rig: FastRig::with(Options::default()).unwrap(),
+            most_n: 0.0,
+            command_n: 0.0,
+            pulse_ms: [0; UNITS],
+            longest_ms: 0,
+            stops_at_ms: None,
+        };
+        let mut figures = Figures::default();
+        for before in Test::ALL.into_iter().take_while(|before| *before != test) {
+            let mut session = Session::connect(&mut link).unwrap();
+            let mut hands = Emulated;
+            let mut bench = Bench::new(&mut session, &rig, &plan, &mut hands).unwrap();
+            bench.run(before, &mut figures).unwrap();
+        }
+        link.stops_at_ms = Some(stops_at_ms);
+        link.longest_ms = 0;
+        // The second time it is stopped already.
+        for driven in [true, false] {
+            link.command_n = 0.0;
+            let mut session = Session::connect(&mut link).unwrap();
+            let ended = Bench::new(&mut session, &rig, &plan, &mut Emulated)
+                .and_then(|mut bench| bench.run(test, &mut figures));
+            let Err(BringUpError::Session(SessionError::Fault(fault))) = ended else {
+                panic!("{test}: {ended:?}");
+            };
+            assert_eq!(fault.code, control::Fault::HostStop.code(), "{test}");
+            let status = session.get_status().unwrap();
+            assert_eq!(status.fault, control::Fault::HostStop.code(), "{test}");
+            drop(session);
+            assert_eq!(link.command_n > 0.1, driven, "{test}: {} N", link.command_n);
+        }
+    }
+}
+
 /// Nobody tells the board to end a pulse: a host that dies with it leaves 0 V.
 #[test]
 fn the_board_ends_a_pulse_by_itself() {
@@ -104,6 +155,7 @@ fn the_board_ends_a_pulse_by_itself() {
         command_n: 0.0,
         pulse_ms: [0; UNITS],
         longest_ms: 0,
+        stops_at_ms: None,
     };
     let mut session = Session::connect(&mut link).unwrap();
     let mut configs = configs(&rig, [true; UNITS], [0; UNITS], 1, BLIND_N);

@@ -71,13 +71,13 @@ pub(super) fn start(
     std::thread::Builder::new()
         .name(format!("client {id} out"))
         .spawn(move || {
+            // A client that has gone may have sent a stop before: what it sent is read to its end,
+            // and what is for it goes nowhere.
+            let mut listens = true;
             while let Some(lines) = writing.next() {
                 let text: String = lines.iter().map(|line| &**line).collect();
-                if writer.write_all(text.as_bytes()).is_err() {
-                    break;
-                }
+                listens = listens && writer.write_all(text.as_bytes()).is_ok();
             }
-            writing.close();
             connection.close();
         })?;
     // The hub learns of the client before anything that it says.
@@ -134,6 +134,7 @@ fn read(reader: impl Read, id: ClientId, outbox: &Outbox, hub: &Sender<Inbound>)
 mod tests {
     use super::*;
     use crate::outbox::{MAX_REQUESTS, MAX_WAITING};
+    use crate::protocol::Call;
     use std::sync::mpsc::channel;
     use std::time::Duration;
 
@@ -155,6 +156,36 @@ mod tests {
         assert!(arrived() && !arrived());
         outbox.close();
         thread.join().unwrap();
+    }
+
+    #[test]
+    fn what_a_client_sent_before_it_left_is_carried_out() {
+        let (ours, mut theirs) = UnixStream::pair().unwrap();
+        let (sender, hub) = channel();
+        start(ours, 7, true, &sender).unwrap();
+        let Ok(Inbound::Opened { outbox, .. }) = hub.recv() else {
+            panic!("the hub was not told");
+        };
+        outbox.line("unread\n");
+        std::thread::sleep(A_MOMENT);
+        let status = "{\"id\":1,\"method\":\"status\"}\n".repeat(100);
+        theirs.write_all(status.as_bytes()).unwrap();
+        theirs.write_all(b"{\"method\":\"stop\"}\n").unwrap();
+        drop(theirs);
+        let mut requests = 0;
+        loop {
+            match hub.recv_timeout(A_MOMENT).expect("all that was sent") {
+                Inbound::Request { request, .. } if request.call == Call::Stop => break,
+                Inbound::Request { .. } => requests += 1,
+                _ => panic!("gone after {requests} requests"),
+            }
+            // As the hub does: an answer to nobody.
+            outbox.line("answer\n");
+            outbox.carried_out();
+        }
+        assert_eq!(requests, 100);
+        assert!(matches!(hub.recv(), Ok(Inbound::Closed { id: 7 })));
+        outbox.close();
     }
 
     #[test]

@@ -119,6 +119,8 @@ pub(super) struct Hub {
     sender: Sender<Inbound>,
     clients: BTreeMap<ClientId, Client>,
     commander: Option<ClientId>,
+    /// The commander that another client has stopped.
+    stopped: Option<ClientId>,
     /// Whether the commander tests a rig whose parts may be new ones.
     commander_tests: bool,
     commander_ns: u64,
@@ -186,6 +188,7 @@ impl Hub {
             sender,
             clients,
             commander: None,
+            stopped: None,
             commander_tests: false,
             commander_ns: 0,
             commander_seen: Instant::now(),

@@ -302,8 +302,15 @@ impl Request {
                 "a request is a JSON object with `method`".to_owned(),
             ));
         };
-        // A method without parameters may have `"params": {}` as well.
+        // A method without parameters may have `"params": {}` as well, or `[]` as some libraries
+        // send.
         let empty = |params: &Value| params.as_object().is_some_and(serde_json::Map::is_empty);
+        if object
+            .get("params")
+            .is_some_and(|params| *params == json!([]))
+        {
+            object.insert("params".to_owned(), json!({}));
+        }
         let mut call = serde_json::Map::new();
         for key in ["method", "params"] {
             if let Some(found) = object.remove(key) {
@@ -398,6 +405,7 @@ mod tests {
     fn parameters_that_may_be_left_out_may_be_empty_too() {
         for line in [
             r#"{"jsonrpc":"2.0","id":1,"method":"stop","params":{}}"#,
+            r#"{"jsonrpc":"2.0","id":1,"method":"stop","params":[]}"#,
             r#"{"id":1,"method":"stop"}"#,
         ] {
             assert_eq!(Request::parse(line).unwrap().call, Call::Stop);

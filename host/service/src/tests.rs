@@ -406,6 +406,28 @@ fn the_service_holds_by_itself_until_it_is_disarmed() {
     assert!(rig.got(&Command::Stop) == 0);
 }
 
+/// Programs that test a rig clear what their own tests latch.
+#[test]
+fn a_stop_from_elsewhere_is_not_cleared_by_who_was_stopped() {
+    let rig = KeptRig::start(Behavior::Good, true);
+    let mut link = rig.commander("bring-up");
+    let mut session = Session::connect(&mut link).unwrap();
+    session.command(&Command::Stop).unwrap();
+    session.command(&Command::ClearFaults).unwrap();
+    rig.client("a terminal").call(Call::Stop).unwrap();
+    for command in [Command::ClearFaults, Command::Arm] {
+        let error = session.command(&command).unwrap_err().to_string();
+        assert!(error.contains("forcectl clear"), "{error}");
+    }
+    let fault = session.get_status().unwrap().fault;
+    assert_eq!(fault, control::Fault::HostStop.code());
+    rig.client("forcectl clear").call(Call::Clear).unwrap();
+    assert_eq!(session.get_status().unwrap().fault, 0);
+    // From then on it clears its own again.
+    session.command(&Command::Stop).unwrap();
+    session.command(&Command::ClearFaults).unwrap();
+}
+
 #[test]
 fn a_program_without_this_library_commands_a_force() {
     let rig = KeptRig::start(Behavior::Good, true);

@@ -17,7 +17,7 @@ use session::link::{Exchange, LinkError, RigControls, RigLink};
 use session::Session;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
-use wire::UNITS;
+use wire::{Command, HostFrame, UNITS};
 
 /// Slack of the cables while the motors are tested, mm.
 pub const SLACK_MM: [f64; 4] = [0.0, 1.0, 5.0, 20.0];
@@ -39,6 +39,8 @@ pub struct Watched {
     /// Milliseconds in a row in which each gives a pulse, and the most of them.
     pub pulse_ms: [u32; UNITS],
     pub longest_ms: u32,
+    /// Somebody stops the board from elsewhere once a pulse is so long, ms.
+    pub stops_at_ms: Option<u32>,
 }
 
 impl RigLink for Watched {
@@ -47,7 +49,18 @@ impl RigLink for Watched {
     }
 
     fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError> {
-        let exchange = self.rig.exchange(to_board, duration)?;
+        let mut to_board = to_board.to_vec();
+        if self.stops_at_ms.is_some_and(|ms| self.longest_ms >= ms) {
+            self.stops_at_ms = None;
+            let frame = HostFrame {
+                seq: 0,
+                command: Command::Stop,
+            };
+            let mut out = [0; wire::MAX_FRAME];
+            let length = wire::encode(&frame, &mut out).unwrap();
+            to_board.extend(&out[..length]);
+        }
+        let exchange = self.rig.exchange(&to_board, duration)?;
         for truth in &exchange.truth {
             self.most_n = truth
                 .tension_n
@@ -111,6 +124,7 @@ pub fn run(pull_mm: f64, case: &Case, slack_mm: f64, seed: u64) -> Run {
         command_n: 0.0,
         pulse_ms: [0; UNITS],
         longest_ms: 0,
+        stops_at_ms: None,
     };
     for injection in &case.injections {
         link.rig.controls().unwrap().inject(*injection).unwrap();

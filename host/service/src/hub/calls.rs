@@ -92,8 +92,10 @@ impl Hub {
                 Err(other) => self.busy(id, number, &other),
             },
             Call::Disarm => self.disarm(id, number),
-            Call::Clear => match self.make_commander(id) {
-                Ok(()) => self.send(Origin::Call(id, number.cloned()), Command::ClearFaults),
+            Call::Clear => match self.make_commander_to_clear(id) {
+                Ok(()) => {
+                    self.send(Origin::Call(id, number.cloned()), Command::ClearFaults);
+                }
                 Err(other) => self.busy(id, number, &other),
             },
             Call::Hold(hold) => self.start_job(id, number, Kind::Hold(hold)),

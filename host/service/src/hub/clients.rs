@@ -5,6 +5,7 @@ use crate::frames::Numbering;
 use crate::inbound::{ClientId, Inbound, TERMINAL};
 use crate::outbox::Outbox;
 use crate::protocol::{code, notification, Hello, Topics};
+use control::Fault;
 use serde_json::Value;
 use wire::message::{CommandError, Reply, Response};
 use wire::{BoardMessage, Command, Decoder, HostFrame};
@@ -231,6 +232,12 @@ impl Hub {
                 self.note_stop(id);
                 self.send(Origin::Frame(id, seq), Command::Stop);
             }
+            // Programs clear what their own tests have latched. That must not undo a stop that came
+            // meanwhile.
+            Command::ClearFaults if self.stopped == Some(id) => {
+                let why = "the rig was stopped from elsewhere: `forcectl clear` first";
+                self.refuse(id, seq, CommandError::Faulted(Fault::HostStop.code()), why);
+            }
             command => match self.make_commander(id) {
                 Ok(()) => {
                     let drives = matches!(command, Command::Arm | Command::Zero { .. });
@@ -261,8 +268,21 @@ impl Hub {
         self.reply_to(id, seq, Response::Rejected(refusal));
     }
 
+    /// One that was stopped from elsewhere may be connected still, and commands no more.
+    pub(super) fn make_commander_to_clear(&mut self, id: ClientId) -> Result<(), String> {
+        if self
+            .stopped
+            .take()
+            .is_some_and(|stopped| self.commander == Some(stopped))
+        {
+            self.commander = None;
+        }
+        self.make_commander(id)
+    }
+
     /// Tells everyone who stops the rig, before the board does it.
     pub(super) fn note_stop(&mut self, id: ClientId) {
+        self.stopped = self.commander.filter(|commander| *commander != id);
         let text = format!("{}{}", super::STOPPED_BY, self.name_of(id));
         self.event("stop", text, None);
     }
