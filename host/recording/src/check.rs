@@ -2,11 +2,12 @@
 
 use super::error::RecordError;
 use super::folder::sha256;
-use super::format::{CONFIGURATION_METADATA, FORMATS, METADATA, RIG_ATTACHMENT, SUMS_FILE};
+use super::format::{CONFIGURATION_METADATA, FORMATS, JSON_FILE, METADATA, RIG_ATTACHMENT};
 use super::read::{mcap_of, End, Entry, Reader};
 use super::rows::{ClockRow, CounterRow, CycleRow, EventRow, SampleRow, PREPARING};
 use super::table::Row;
 use super::times::Clocks;
+use super::whole;
 use rig::board_crc;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -142,7 +143,14 @@ pub fn check(recording: &Path) -> Result<Checked, RecordError> {
     checked.counters_of(&found.counters);
     checked.units_of(&found.board_s);
     checked.phases = found.phases;
-    checked.sums_of(&path);
+    let folder = files::folder_of(&path);
+    // A run.mcap that was copied out of its folder is checked alone.
+    if recording.is_dir() || folder.join(JSON_FILE).is_file() {
+        let problems = whole::problems(folder, &checked.messages);
+        checked.problems.extend(problems);
+    } else {
+        whole::sums(folder, &[], &[], &mut checked.problems);
+    }
     checked.note_losses();
     Ok(checked)
 }
@@ -295,27 +303,6 @@ impl Checked {
         for (i, times) in board_s.iter().enumerate() {
             if let Some(unit) = unit_of(i + 1, times) {
                 self.units.push(unit);
-            }
-        }
-    }
-
-    fn sums_of(&mut self, mcap: &Path) {
-        let folder = mcap.parent().unwrap_or(Path::new(""));
-        let Ok(text) = std::fs::read_to_string(folder.join(SUMS_FILE)) else {
-            return;
-        };
-        for line in text.lines() {
-            let Some((hash, name)) = line.split_once("  ") else {
-                continue;
-            };
-            match sha256(&folder.join(name)) {
-                Ok(is) if is == hash => {}
-                Ok(_) => self.problems.push(format!(
-                    "{name} is not the file that was recorded: its hash differs from {SUMS_FILE}"
-                )),
-                Err(_) => self
-                    .problems
-                    .push(format!("{name} is missing, which {SUMS_FILE} lists")),
             }
         }
     }

@@ -19,7 +19,7 @@
 //! | what Foxglove's 3D view draws | `foxglove` |
 //! | reading it, cut off or not; a complete copy of it | `read`, `repair` |
 //! | Parquet from it | `parquet` |
-//! | what it holds and lacks | `check` |
+//! | what it holds and lacks; which files lack | `check`, `whole` |
 //! | a robot's log beside it | `merge` |
 //! | whether a folder may be used; hashes | `folder` |
 
@@ -42,6 +42,7 @@ pub mod table;
 mod tests;
 pub mod times;
 mod utc;
+mod whole;
 mod writer;
 
 pub use error::RecordError;

@@ -14,6 +14,7 @@ use parquet::basic::{Compression, LogicalType, Repetition, TimeUnit, Type as Phy
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int32Type, Int64Type};
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
+use parquet::file::reader::SerializedFileReader;
 use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use parquet::schema::types::Type;
 use std::collections::BTreeMap;
@@ -79,6 +80,16 @@ pub fn export(recording: &Path, folder: &Path) -> Exported {
         }
     }
     exported
+}
+
+/// Whether a file is Parquet with its footer, which is at the end.
+///
+/// # Errors
+/// Why not.
+pub(super) fn readable(path: &Path) -> Result<(), String> {
+    let file = File::open(path).map_err(|error| error.to_string())?;
+    SerializedFileReader::new(file).map_err(|error| error.to_string())?;
+    Ok(())
 }
 
 /// Files that are being written, by topic; `None`: one that failed.

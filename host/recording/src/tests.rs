@@ -370,6 +370,127 @@ fn a_fault_has_the_time_at_which_the_board_latched_it() {
     }
 }
 
+#[test]
+fn a_folder_without_its_tables_or_hashes_is_not_whole() {
+    use std::fs;
+    use std::path::Path;
+    let temporary = tempfile::tempdir().unwrap();
+    let whole = temporary.path().join("rec");
+    run_into(&whole).complete().unwrap();
+    let found = |folder: &Path| check::check(folder).unwrap().problems;
+    // What the fake board lacks, in a folder with all of its files.
+    let usual = found(&whole);
+    let none = |problems: &[String]| !problems.iter().any(|text| text.contains(SUMS_FILE));
+    assert!(none(&usual), "{usual:?}");
+    let remove = |folder: &Path, ends: &str| {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.to_str().unwrap().ends_with(ends) {
+                fs::remove_file(path).unwrap();
+            }
+        }
+    };
+    // What was done, and words of each problem that it makes.
+    type Case<'a> = (&'a str, &'a dyn Fn(&Path), &'a [&'a str]);
+    let cases: [Case<'_>; 8] = [
+        (
+            "no tables, no hashes",
+            &|folder| {
+                remove(folder, ".parquet");
+                remove(folder, SUMS_FILE);
+            },
+            &[
+                "missing: samples.parquet, cycles.parquet",
+                "missing: SHA256SUMS",
+            ],
+        ),
+        (
+            "a table that was cut",
+            &|folder| {
+                remove(folder, SUMS_FILE);
+                let file = File::options()
+                    .write(true)
+                    .open(folder.join("samples.parquet"));
+                file.unwrap().set_len(1000).unwrap();
+            },
+            &["samples.parquet can't be read", "missing: SHA256SUMS"],
+        ),
+        (
+            "hashes of nothing",
+            &|folder| fs::write(folder.join(SUMS_FILE), "").unwrap(),
+            &["SHA256SUMS does not list all files; whether run.mcap, configuration.json, samples"],
+        ),
+        (
+            "no hash of one file",
+            &|folder| {
+                let text = fs::read_to_string(folder.join(SUMS_FILE)).unwrap();
+                let lines = text.lines().filter(|line| !line.ends_with(JSON_FILE));
+                let text: String = lines.map(|line| format!("{line}\n")).collect();
+                fs::write(folder.join(SUMS_FILE), text).unwrap();
+            },
+            &["SHA256SUMS does not list all files; whether configuration.json changed"],
+        ),
+        (
+            "a changed configuration",
+            &|folder| {
+                remove(folder, SUMS_FILE);
+                fs::write(folder.join(JSON_FILE), "{}").unwrap();
+            },
+            &["missing: SHA256SUMS; whether run.mcap, configuration.json"],
+        ),
+        (
+            "a recorder that was killed while it wrote",
+            &|folder| {
+                remove(folder, SUMS_FILE);
+                for table in TABLES {
+                    let path = folder.join(table.file);
+                    if path.is_file() {
+                        fs::rename(&path, path.with_extension("parquet.part")).unwrap();
+                    }
+                }
+            },
+            &["(a .part is there", "missing: SHA256SUMS"],
+        ),
+        (
+            "one table, told once",
+            &|folder| fs::remove_file(folder.join("cycles.parquet")).unwrap(),
+            &["missing: cycles.parquet; `forcectl recording export "],
+        ),
+        (
+            "no configuration",
+            &|folder| fs::remove_file(folder.join(JSON_FILE)).unwrap(),
+            &[
+                "missing: configuration.json;",
+                "configuration.json is missing, which",
+            ],
+        ),
+    ];
+    for (n, (what, change, words)) in cases.iter().enumerate() {
+        let folder = temporary.path().join(n.to_string());
+        fs::create_dir(&folder).unwrap();
+        for entry in fs::read_dir(&whole).unwrap() {
+            let entry = entry.unwrap();
+            fs::copy(entry.path(), folder.join(entry.file_name())).unwrap();
+        }
+        change(&folder);
+        let mut problems = found(&folder);
+        problems.retain(|problem| !usual.contains(problem));
+        assert_eq!(problems.len(), words.len(), "{what}: {problems:#?}");
+        for (problem, words) in problems.iter().zip(*words) {
+            assert!(problem.contains(words), "{what}: {problem}");
+        }
+        // The command that it names makes the tables, which are the same then.
+        assert!(export(&folder, &folder).failures.is_empty());
+        let problems = found(&folder);
+        let left = |problem: &String| problem.contains(".parquet") && problem.contains("export");
+        assert!(!problems.iter().any(left), "{what}: {problems:#?}");
+    }
+    // The MCAP file alone, by its name.
+    let alone = temporary.path().join("alone.mcap");
+    fs::copy(whole.join(MCAP_FILE), &alone).unwrap();
+    assert_eq!(found(&alone), usual);
+}
+
 /// The same recording as version 2 had it: the samples of all units on one topic.
 fn as_version_2(bytes: &[u8]) -> Vec<u8> {
     let mut old = mcap::Writer::new(io::Cursor::new(Vec::new())).unwrap();

@@ -3,21 +3,38 @@
 
 use rustix::process::{kill_process, Pid, Signal};
 use serde_json::{json, Value};
-use std::path::PathBuf;
-use std::process::Stdio;
+use std::path::{Path, PathBuf};
+use std::process::{Output, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::SystemTime;
-use tokio::process::Command;
-use tokio::sync::watch;
+use std::time::{Duration, SystemTime};
+use tokio::process::{Child, Command};
+use tokio::sync::{oneshot, watch};
+use tokio::time::{sleep, timeout};
+
+/// What a recorder writes first: Ctrl-C ends it as it should from then on.
+const FIRST_FILE: &str = "run.mcap";
+/// Longest wait for that file: a recorder that waits for its link longer has nothing to lose.
+const STARTS: Duration = Duration::from_secs(10);
+/// Time between two looks.
+const LOOK: Duration = Duration::from_millis(20);
 
 /// Starts the commands, and knows of the recording.
 pub(crate) struct Tools {
     program: PathBuf,
     link: String,
-    /// The process that records.
-    recording: Mutex<Option<Pid>>,
+    /// Where recordings are made.
+    folder: PathBuf,
+    recording: Mutex<Option<Recording>>,
     /// Parameters of the notification `recording`, for all pages.
     state: watch::Sender<Value>,
+}
+
+/// A recording that runs.
+struct Recording {
+    /// Its folder.
+    place: PathBuf,
+    /// Ends it; `None`: it was asked to end.
+    end: Option<oneshot::Sender<()>>,
 }
 
 impl Tools {
@@ -25,6 +42,7 @@ impl Tools {
         Self {
             program,
             link,
+            folder: std::env::current_dir().unwrap_or_default(),
             recording: Mutex::new(None),
             state: watch::Sender::new(json!({"on": false})),
         }
@@ -68,42 +86,89 @@ impl Tools {
         }
         let now = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
         let folder = format!("recording-{}", now.replace(':', "-"));
+        let place = self.folder.join(&folder);
         let child = self
             .command(&["record", &folder])
+            .current_dir(&self.folder)
             .spawn()
             .map_err(|error| format!("the recording does not start: {error}"))?;
-        let id = child.id().and_then(|id| i32::try_from(id).ok());
-        *recording = id.and_then(Pid::from_raw);
-        let here = std::env::current_dir().unwrap_or_default();
-        let place = here.join(&folder).to_string_lossy().into_owned();
-        let on = json!({"on": true, "folder": place});
+        let (end, asked) = oneshot::channel();
+        *recording = Some(Recording {
+            place: place.clone(),
+            end: Some(end),
+        });
+        let on = json!({"on": true, "folder": place.to_string_lossy()});
         self.state.send_replace(on.clone());
         let tools = Arc::clone(self);
         tokio::spawn(async move {
-            let ended = result(child.wait_with_output().await);
-            *(tools.recording.lock()).unwrap_or_else(PoisonError::into_inner) = None;
+            let ended = result(until_ended(child, &place, asked).await);
+            let folder = place.to_string_lossy();
             let state = match ended {
-                Ok(said) => json!({"on": false, "folder": place, "samples": said["samples"]}),
-                Err(error) => json!({"on": false, "folder": place, "error": error}),
+                Ok(said) => json!({"on": false, "folder": folder, "samples": said["samples"]}),
+                Err(error) => json!({"on": false, "folder": folder, "error": error}),
             };
+            // Under the lock: a recording that begins now tells its state after this one.
+            let mut recording = (tools.recording.lock()).unwrap_or_else(PoisonError::into_inner);
+            *recording = None;
             tools.state.send_replace(state);
         });
         Ok(on)
     }
 
-    /// Ends the recording as Ctrl-C does: what was received is kept.
+    /// Ends the recording as Ctrl-C does: what was received is kept. Asked again while it ends, it
+    /// answers the same and does nothing: a second Ctrl-C would end the recorder while it writes.
     ///
     /// # Errors
     /// None runs.
     pub(crate) fn end_recording(&self) -> Result<Value, String> {
-        let recording = self
+        let mut recording = self
             .recording
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        let process = recording.ok_or("no recording runs")?;
-        kill_process(process, Signal::INT).map_err(|error| error.to_string())?;
+        let recording = recording.as_mut().ok_or("no recording runs")?;
+        if let Some(end) = recording.end.take() {
+            // Fails where it has ended by itself just now.
+            let _ = end.send(());
+            let folder = recording.place.to_string_lossy();
+            self.state
+                .send_replace(json!({"on": true, "ending": true, "folder": folder}));
+        }
         Ok(json!({}))
     }
+}
+
+/// Waits for a recorder, and sends it one Ctrl-C when that is asked for.
+async fn until_ended(
+    child: Child,
+    place: &Path,
+    asked: oneshot::Receiver<()>,
+) -> std::io::Result<Output> {
+    let id = child.id().and_then(|id| i32::try_from(id).ok());
+    let process = id.and_then(Pid::from_raw);
+    let mut output = std::pin::pin!(child.wait_with_output());
+    let begun_and_asked = async {
+        // Without a sender nobody asks any more.
+        if asked.await.is_err() {
+            std::future::pending::<()>().await;
+        }
+        let begins = async {
+            while !place.join(FIRST_FILE).exists() {
+                sleep(LOOK).await;
+            }
+        };
+        // Before, the signal would kill a process without a handler.
+        let _ = timeout(STARTS, begins).await;
+    };
+    tokio::select! {
+        biased;
+        ended = &mut output => return ended,
+        () = begun_and_asked => {}
+    }
+    // Not waited for yet, so the number is still its own.
+    if let Some(process) = process {
+        kill_process(process, Signal::INT)?;
+    }
+    output.await
 }
 
 /// What a command said as JSON; its error in words where it failed.
@@ -114,6 +179,81 @@ fn result(output: std::io::Result<std::process::Output>) -> Result<Value, String
     if output.status.success() || output.status.code() == Some(130) {
         return Ok(said);
     }
+    // A recording that was ended before the first sample: the page tells that there are none.
+    if said["error"].is_null() && said["samples"] == 0 {
+        return Ok(said);
+    }
     let words = said["error"].as_str().map(str::to_owned);
     Err(words.unwrap_or_else(|| format!("the command ended: {}", output.status)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A recorder that takes its time to start and to write, and notes each Ctrl-C. It is a script
+    /// for `sh`, which gets `record FOLDER`.
+    const RECORDER: &str = r#"
+# A shell can't trap what was ignored when it began, as for a job in the background.
+if [ -z "$AGAIN" ] && env --default-signal=INT true 2> /dev/null; then
+    AGAIN=1 exec env --default-signal=INT sh "$0" "$@"
+fi
+sleep 0.3
+trap 'echo signal >> signals' INT
+mkdir "$1"
+: > "$1/run.mcap"
+while ! [ -e signals ]; do sleep 0.02; done
+while ! [ -e written ]; do sleep 0.02; done
+echo '{"samples": 7}'
+"#;
+
+    fn tools(folder: &Path) -> Arc<Tools> {
+        std::fs::write(folder.join("record"), RECORDER).unwrap();
+        let mut tools = Tools::new("/bin/sh".into(), "fast".to_owned());
+        tools.folder = folder.to_owned();
+        Arc::new(tools)
+    }
+
+    /// Longest wait: the machine may be busy.
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    async fn there(path: &Path) {
+        let there = async {
+            while !path.exists() {
+                sleep(LOOK).await;
+            }
+        };
+        timeout(PATIENCE, there).await.expect("it never came");
+    }
+
+    #[tokio::test]
+    async fn a_recording_that_is_ended_twice_gets_one_signal_and_writes_its_files() {
+        for at_once in [true, false] {
+            let folder = tempfile::tempdir().unwrap();
+            let tools = tools(folder.path());
+            assert!(tools.end_recording().is_err(), "none runs");
+            let place = tools.record().unwrap()["folder"].clone();
+            let begun = Path::new(place.as_str().unwrap()).join(FIRST_FILE);
+            let signals = folder.path().join("signals");
+            if !at_once {
+                there(&begun).await;
+            }
+            assert_eq!(tools.end_recording(), Ok(json!({})));
+            let ending = json!({"on": true, "ending": true, "folder": place});
+            assert_eq!(*tools.recording().borrow(), ending);
+            there(&signals).await;
+            // It writes its files now.
+            assert_eq!(tools.end_recording(), Ok(json!({})));
+            assert!(tools.record().is_err(), "one runs");
+            sleep(10 * LOOK).await;
+            std::fs::write(folder.path().join("written"), "").unwrap();
+            let mut state = tools.recording();
+            let ended = state.wait_for(|state| state["on"] == false);
+            let ended = timeout(PATIENCE, ended).await.expect("it ends").unwrap();
+            let wanted = json!({"on": false, "folder": place, "samples": 7});
+            assert_eq!(*ended, wanted, "{at_once}");
+            let signals = std::fs::read_to_string(&signals).unwrap();
+            assert_eq!(signals, "signal\n", "{at_once}");
+        }
+    }
 }

@@ -135,7 +135,7 @@ const rpc = new Rpc({
         say(words, params.error !== undefined);
       }
       recording = params;
-      text("record", params.on ? "End recording" : "Record");
+      text("record", params.ending ? "Recording ends" : params.on ? "End recording" : "Record");
     } else if (method === "gone") stopped(params.why, true);
   },
 });
