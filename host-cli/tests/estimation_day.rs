@@ -17,10 +17,9 @@ fn text() -> String {
     std::fs::read_to_string(Path::new(DOCS).join("estimation-day.md")).expect("the page is there")
 }
 
-/// Part of a figure by which it may differ from the page. On one computer the figures are the same
-/// in each run; another one has another sine in the last bit, and friction at a reversal makes more
-/// of it.
-const PART: f64 = 0.03;
+/// Part of a figure by which it may differ from the page. The simulation is the same on every
+/// computer; the least squares of the training sum with or without fused multiplication.
+const PART: f64 = 0.005;
 
 /// Whether two words are the same, or the same number but for what another computer does to it.
 fn alike(word: &str, other: &str) -> bool {
@@ -122,9 +121,9 @@ fn the_page_goes_through_the_whole_day() {
 #[test]
 fn figures_of_the_page_may_differ_a_little_and_words_not_at_all() {
     let line = "MAE            0.872 +- 1.150 N (95 % over trials)";
-    assert!(is_line(line, "MAE 0.880 +- 1.120 N (95 % over trials)"));
+    assert!(is_line(line, "MAE 0.876 +- 1.145 N (95 % over trials)"));
     for other in [
-        "MAE 0.930 +- 1.150 N (95 % over trials)",
+        "MAE 0.890 +- 1.150 N (95 % over trials)",
         "MAE 0.87 +- 1.150 N (95 % over trials)",
         "RMSE 0.872 +- 1.150 N (95 % over trials)",
         "MAE 0.872 +- 1.150 N (95 % over trials) more",

@@ -262,6 +262,19 @@ pub enum StateError {
     /// A stamp that no clock of these centuries shows in seconds.
     #[error("its stamp is {0:e}, and has to be in s; in ms, us or ns it would be as large")]
     StampUnit(f64),
+    /// A datagram tells one thing twice, and not the same.
+    #[error("its {key} is `{first}` and `{second}` in one datagram; send one of them, or the same in both")]
+    Contradiction {
+        /// What.
+        key: &'static str,
+        /// As it is told first.
+        first: String,
+        /// As it is told beside that.
+        second: String,
+    },
+    /// Keys of a datagram that mean nothing here.
+    #[error("{0} are not read; a stamp is `stamp_s` or `header.stamp`, a frame `frame_id` in `measured_cp` or its `header`; docs/robot.md has all keys")]
+    UnknownKeys(String),
     /// Neither joints nor tip.
     #[error("the state holds neither joints nor a tip")]
     Empty,

@@ -200,6 +200,190 @@ fn flaws_of_what_is_not_needed_leave_the_pose_in_use() {
     }
 }
 
+/// A pose of ROS's shape.
+fn of_ros(stamp: &str, frame: &str, x: f64) -> String {
+    let header = format!(r#"{{"seq": 1, "stamp": {stamp}, "frame_id": "{frame}"}}"#);
+    format!(r#"{{"measured_cp": {{"header": {header}, "position": [{x}, 0.2, 0.3]}}}}"#)
+}
+
+#[test]
+fn stamp_and_frame_of_a_ros_header_count_in_every_shape() {
+    for (first, second) in [
+        (
+            r#"{"secs": 100, "nsecs": 5}"#,
+            r#"{"secs": 100, "nsecs": 10000005}"#,
+        ),
+        (
+            r#"{"sec": 100, "nanosec": 5}"#,
+            r#"{"sec": 100, "nanosec": 10000005}"#,
+        ),
+        ("100.000000005", "100.010000005"),
+    ] {
+        let good = of_ros(first, "PSM1_base", 0.1);
+        let next = of_ros(second, "PSM1_base", 0.1001);
+        let (states, events) = after(Frame::Rig, &[&good, &next]);
+        assert!(states.len() == 2 && events.is_empty(), "{events:?}");
+        assert_eq!(states[1].stamp.clock, Clock::RobotUtc);
+        assert!((states[1].stamp.t_ns - 100_010_000_005).abs() < 100);
+        let tip = states[1].tip.as_ref().unwrap();
+        assert_eq!(&*tip.frame_id, "PSM1_base");
+        for (bad, words) in [
+            (of_ros("0", "PSM1_base", 0.1), "stamp is 0"),
+            (
+                of_ros(r#"{"secs": 0, "nsecs": 0}"#, "PSM1_base", 0.1),
+                "stamp is 0",
+            ),
+            (of_ros(second, "ECM", 0.1), "`ECM`"),
+            (of_ros("1795860000000", "PSM1_base", 0.1), "ms, us or ns"),
+            (of_ros("\"now\"", "PSM1_base", 0.1), "a stamp that is none"),
+            (of_ros(second, "PSM1_base", 0.9), "jumped"),
+        ] {
+            let (states, events) = after(Frame::Rig, &[&good, &bad]);
+            assert_eq!((states.len(), events.len()), (1, 1), "{bad}: {events:?}");
+            let told = events[0].to_string();
+            assert!(events[0].stops() && told.contains(words), "{bad}: {told}");
+        }
+    }
+}
+
+#[test]
+fn poses_that_repeat_an_old_stamp_of_ros_become_none() {
+    let pose = |ms: u32| {
+        of_ros(
+            &format!(r#"{{"secs": 100, "nsecs": {}}}"#, ms * 1_000_000),
+            "",
+            0.1,
+        )
+    };
+    // The same datagram again and again: one state, then the event of the age.
+    let same = pose(500);
+    let old = pose(400);
+    for sent in [&same, &old] {
+        let mut all = vec![same.as_str()];
+        all.extend([sent.as_str(); 12]);
+        let (states, events) = unwaited(&all);
+        assert_eq!(states.len(), 1, "{sent}");
+        assert!(events.iter().any(Event::stops), "{sent}: {events:?}");
+    }
+    // Joints that go on don't keep a pose alive that repeats its own stamp.
+    let with_joints: Vec<String> = (0..14)
+        .map(|n| {
+            let js = format!(
+                r#"{{"header": {{"stamp": {{"secs": 100, "nsecs": {}}}}}, "name": ["a"], "position": [1.0]}}"#,
+                500_000_000 + n * 10_000_000
+            );
+            same.replace(r#"{"measured_cp""#, &format!(r#"{{"measured_js": {js}, "measured_cp""#))
+        })
+        .collect();
+    let all: Vec<&str> = with_joints.iter().map(String::as_str).collect();
+    let (_, events) = unwaited(&all);
+    let silent = |event: &Event| matches!(event, Event::TipSilent { .. });
+    assert!(events.iter().any(silent), "{events:?}");
+}
+
+/// As [`after`], for datagrams of which some leave no trace: each has 20 ms to come.
+fn unwaited(datagrams: &[&str]) -> (Vec<RobotState>, Vec<Event>) {
+    let config = UdpConfig {
+        listen: "127.0.0.1:0".to_owned(),
+        ..UdpConfig::default()
+    };
+    let mut source = Udp::listen(&config).unwrap();
+    let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let (mut states, mut events) = (Vec::new(), Vec::new());
+    for (n, datagram) in datagrams.iter().enumerate() {
+        sender
+            .send_to(datagram.as_bytes(), source.address())
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+        let poll = source.poll(10 * MS * (n as i64 + 1)).unwrap();
+        states.extend(poll.states);
+        events.extend(poll.events);
+    }
+    (states, events)
+}
+
+#[test]
+fn what_is_told_twice_has_to_agree() {
+    let good =
+        r#"{"stamp_s": 100.0, "measured_cp": {"position": [0.1, 0.2, 0.3], "frame_id": "a"}}"#;
+    let twice = |stamp_s: f64, frame: &str| {
+        let header = r#"{"stamp": {"secs": 100, "nsecs": 10400000}, "frame_id": "a"}"#;
+        format!(
+            r#"{{"stamp_s": {stamp_s}, "measured_cp": {{"header": {header}, "position": [0.1, 0.2, 0.3], "frame_id": "{frame}"}}}}"#
+        )
+    };
+    // One of the two may be rounded to ms.
+    let (states, events) = after(Frame::Rig, &[good, &twice(100.01, "a")]);
+    assert!(states.len() == 2 && events.is_empty(), "{events:?}");
+    assert_eq!(states[1].stamp.t_ns, 100_010_400_000);
+    for (bad, key) in [
+        (twice(100.02, "a"), "its stamp is"),
+        (twice(100.01, "b"), "its frame_id is `b` and `a`"),
+    ] {
+        let (states, events) = after(Frame::Rig, &[good, &bad]);
+        assert_eq!((states.len(), events.len()), (1, 1), "{bad}: {events:?}");
+        let told = events[0].to_string();
+        assert!(events[0].stops() && told.contains(key), "{told}");
+    }
+    // A bare pose may have a header of its own.
+    let bare = r#"{"header": {"stamp": 100.01, "frame_id": "b"}, "position": [0.1, 0.2, 0.3]}"#;
+    let (_, events) = after(Frame::Rig, &[good, bare]);
+    assert!(
+        matches!(events.as_slice(), [Event::Frame { .. }]),
+        "{events:?}"
+    );
+}
+
+#[test]
+fn keys_that_are_not_known_are_told_once() {
+    for (part, key) in [
+        (
+            r#""time": 5, "measured_cp": {"position": [0.1, 0.2, 0.3]}"#,
+            "`time`",
+        ),
+        (
+            r#""measured_cp": {"position": [0.1, 0.2, 0.3], "stamp": 5}"#,
+            "`measured_cp.stamp`",
+        ),
+        (
+            r#""measured_cp": {"position": [0.1, 0.2, 0.3], "header": {"time": 5}}"#,
+            "`measured_cp.header.time`",
+        ),
+        (
+            r#""measured_cp": {"position": [0.1, 0.2, 0.3]}, "operating_state": {"state": "ENABLED", "moves": 1}"#,
+            "`operating_state.moves`",
+        ),
+    ] {
+        let at = |stamp_s: f64| format!(r#"{{"stamp_s": {stamp_s}, {part}}}"#);
+        let (states, events) = after(Frame::Rig, &[&at(100.0), &at(100.01)]);
+        assert_eq!(states.len(), 2, "{part}");
+        let [event @ Event::LeftOut(_)] = events.as_slice() else {
+            panic!("{part}: {events:?}")
+        };
+        let told = event.to_string();
+        assert!(
+            told.contains(key) && told.contains("header.stamp"),
+            "{told}"
+        );
+    }
+}
+
+/// The example of docs/robot.md holds every key that is known.
+#[test]
+fn the_example_of_the_page_is_read_whole() {
+    let page = std::fs::read_to_string("../docs/robot.md").unwrap();
+    let example = page.split("```json\n").nth(1).unwrap();
+    let example = example.split("```").next().unwrap().replace('\n', " ");
+    let (states, events) = after(Frame::Rig, &[&example]);
+    assert!(events.is_empty(), "{events:?}");
+    let [state] = states.as_slice() else {
+        panic!("{states:?}")
+    };
+    let tip = state.tip.as_ref().unwrap();
+    assert!(state.stamp.clock == Clock::RobotUtc && !tip.frame_id.is_empty());
+    assert!(state.joints.is_some() && state.operating.is_some());
+}
+
 #[test]
 fn a_fed_source_counts_what_it_leaves_out_and_tells_it_once() {
     let mut source = Fed::new("virtual arm", WatchConfig::default());

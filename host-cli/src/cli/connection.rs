@@ -35,7 +35,7 @@ const DEFAULT_SEED: u64 = 1;
 pub struct Existing {
     /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps,
     /// embedded for one of the command's own, or fast for one without the emulated controller
-    /// [default: a rig that is kept, else the rig file's]
+    /// [default: the rig file's; where that is embedded, a rig that is kept comes first]
     #[arg(long, value_name = "LINK", value_parser = values::link)]
     pub link: Option<LinkChoice>,
     /// Rig file (TOML) [default: that of the rig's service, else the built-in example rig]
@@ -58,6 +58,9 @@ pub struct Existing {
     /// The rig as its file has it, from `load` on.
     #[arg(skip)]
     of_file: RefCell<Option<Rig>>,
+    /// How the rig is reached, from `load` on: once for a command, whatever starts or ends meanwhile.
+    #[arg(skip)]
+    target: RefCell<Option<Target>>,
     /// Number of the board that the rig was tested with, after `require_unchanged`.
     #[arg(skip)]
     tested: RefCell<Option<Option<String>>>,
@@ -139,7 +142,7 @@ impl Existing {
         )?;
         self.only_embedded(&given, embedded)?;
         check_plant(new.plant.as_deref())?;
-        let target = self.target(new, &given);
+        let target = self.target(new, &given)?;
         let (rig, name) = self.rig_of(&target, given, context)?;
         *self.of_file.borrow_mut() = Some(rig.clone());
         context.output.detail(&format!(
@@ -162,6 +165,14 @@ impl Existing {
         };
         let client = super::serve::connect(service, start.as_ref(), self.rig.as_deref(), context)?;
         let welcome = client.welcome();
+        // Chosen among those that are kept: its name may have become a board's meanwhile.
+        let chosen = self.link.is_none() && start.is_none() && *service != default_name();
+        if chosen && welcome.seed.is_none() {
+            return Err(Failure::usage(format!(
+                "rig `{service}` is a board ({}), and no link is named; nothing was done; --link rig:{service} names it",
+                welcome.link
+            )));
+        }
         let used = if self.rig.is_some() {
             (given, name)
         } else {
@@ -259,7 +270,7 @@ impl Existing {
 
     /// Seed of the emulated rig that this leads to; `None` for a board.
     fn seed(&self, new: &New, rig: &Rig) -> Option<u64> {
-        match self.target(new, rig) {
+        match self.target(new, rig).ok()? {
             Target::Own => Some(new.seed.unwrap_or(DEFAULT_SEED)),
             Target::Direct(_) => None,
             #[cfg(unix)]
@@ -273,16 +284,24 @@ impl Existing {
     }
 
     /// How the rig is reached. Without `--link`, an embedded rig that is kept comes before one of
-    /// the command's own; options of a new rig ask for a new one.
-    fn target(&self, new: &New, rig: &Rig) -> Target {
-        match self.choice(rig) {
+    /// the command's own; options of a new rig ask for a new one. Refuses to choose among several.
+    fn target(&self, new: &New, rig: &Rig) -> Result<Target> {
+        if let Some(target) = self.target.borrow().as_ref() {
+            return Ok(target.clone());
+        }
+        let target = match self.choice(rig) {
             LinkChoice::Fast => Target::Own,
-            LinkChoice::Embedded if self.link.is_some() || new.any() || !kept() => Target::Own,
-            LinkChoice::Embedded => Target::Service(default_name(), None),
+            LinkChoice::Embedded if self.link.is_some() || new.any() => Target::Own,
+            LinkChoice::Embedded => match the_kept(kept())? {
+                Some(name) => Target::Service(name, None),
+                None => Target::Own,
+            },
             LinkChoice::Kept(name) => Target::Service(name.clone(), None),
             port if self.direct || cfg!(not(unix)) => Target::Direct(port.clone()),
             port => Target::Service(name_of(port), Some(port.clone())),
-        }
+        };
+        *self.target.borrow_mut() = Some(target.clone());
+        Ok(target)
     }
 
     /// Refuses options that only an embedded rig of the command's own has, where the link leads
@@ -426,13 +445,14 @@ impl Existing {
     /// where no rig exists.
     pub fn load(&self, context: &Context) -> Result<Rig> {
         let rig = self.load_with(&New::default(), &[], context)?;
-        if self.target(&New::default(), &rig) != Target::Own {
+        if self.target(&New::default(), &rig)? != Target::Own {
             return Ok(rig);
         }
         let why = if self.link.is_some() {
             "this command is for a rig that exists, and `--link embedded` or `fast` means a new one"
+                .to_owned()
         } else {
-            "no rig is running here and no board is named"
+            nothing_kept(&running())
         };
         #[cfg(unix)]
         let why = format!("{why} (looked for a service in {})", folders());
@@ -610,16 +630,54 @@ fn folders() -> String {
     names.join(", ")
 }
 
-/// Whether an embedded rig is kept under the default name, or is being brought up to be.
+/// Names of the embedded rigs that are kept, or are being brought up to be.
 #[cfg(unix)]
-fn kept() -> bool {
-    let name = default_name();
-    socket::running().contains(&name) || socket::is_starting(&name)
+fn kept() -> Vec<String> {
+    socket::kept()
 }
 
 #[cfg(not(unix))]
-fn kept() -> bool {
-    false
+fn kept() -> Vec<String> {
+    Vec::new()
+}
+
+/// Names of the rigs whose service answers.
+#[cfg(unix)]
+fn running() -> Vec<String> {
+    socket::running()
+}
+
+#[cfg(not(unix))]
+fn running() -> Vec<String> {
+    Vec::new()
+}
+
+/// The one of the kept rigs that is meant where no link is named: that of the default name, else the
+/// only one.
+fn the_kept(names: Vec<String>) -> Result<Option<String>> {
+    let default = default_name();
+    if names.contains(&default) {
+        return Ok(Some(default));
+    }
+    let [_, other, ..] = names.as_slice() else {
+        return Ok(names.into_iter().next());
+    };
+    Err(Failure::usage(format!(
+        "several rigs are kept here ({}), none of them is named `{default}`, and --link names none; nothing was done; \
+         give --link rig:NAME, for example --link rig:{other}",
+        names.join(", ")
+    )))
+}
+
+/// Why a command that is for a rig that exists finds none without `--link`. `running`: boards.
+fn nothing_kept(running: &[String]) -> String {
+    match running.last() {
+        None => "no rig is running here and no board is named".to_owned(),
+        Some(last) => format!(
+            "no emulated rig is kept here and no board is named; served here: {} (--link rig:{last})",
+            running.join(", ")
+        ),
+    }
 }
 
 #[cfg(unix)]
@@ -668,4 +726,19 @@ pub fn configure_embedded(session: &mut Session<'_>, rig: &Rig) -> Result<()> {
         )?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rig_that_is_kept_is_meant_and_of_several_the_default_one() {
+        let of = |names: &[&str]| the_kept(names.iter().map(|&name| name.to_owned()).collect());
+        let chosen = |names: &[&str]| of(names).ok().expect("chosen");
+        assert_eq!(chosen(&[]), None);
+        assert_eq!(chosen(&["one"]).as_deref(), Some("one"));
+        assert_eq!(chosen(&["one", "rig"]).as_deref(), Some("rig"));
+        assert!(of(&["one", "two"]).is_err());
+    }
 }

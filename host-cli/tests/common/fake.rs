@@ -7,15 +7,31 @@ use std::os::unix::net::UnixListener;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+/// Methods that were called.
+pub type Calls = Arc<Mutex<Vec<String>>>;
+
 /// A service with one client. It remembers what was called.
-pub fn service(folder: &std::path::Path) -> Arc<Mutex<Vec<String>>> {
-    let listener = UnixListener::bind(folder.join("fake.sock")).unwrap();
-    let calls: Arc<Mutex<Vec<String>>> = Arc::default();
+pub fn service(folder: &std::path::Path) -> Calls {
+    named(folder, "fake", None)
+}
+
+/// An emulated rig that is kept, by its name, and the lock that it holds.
+pub fn kept(folder: &std::path::Path, name: &str) -> (std::fs::File, Calls) {
+    let mut lock = std::fs::File::create(folder.join(format!("{name}.lock"))).unwrap();
+    lock.lock().unwrap();
+    lock.write_all(b"7\nembedded rig\n").unwrap();
+    (lock, named(folder, name, Some(1)))
+}
+
+fn named(folder: &std::path::Path, name: &str, seed: Option<u64>) -> Calls {
+    let listener = UnixListener::bind(folder.join(format!("{name}.sock"))).unwrap();
+    let name = name.to_owned();
+    let calls: Calls = Arc::default();
     let log = Arc::clone(&calls);
     std::thread::spawn(move || {
         for stream in listener.incoming() {
             let Ok(stream) = stream else { return };
-            let log = Arc::clone(&log);
+            let (log, name) = (Arc::clone(&log), name.clone());
             std::thread::spawn(move || {
                 let mut out = stream.try_clone().unwrap();
                 for line in BufReader::new(stream).lines().map_while(Result::ok) {
@@ -24,7 +40,7 @@ pub fn service(folder: &std::path::Path) -> Arc<Mutex<Vec<String>>> {
                     log.lock().unwrap().push(method.clone());
                     let result = if method == "hello" {
                         json!({
-                            "version": 1, "name": "fake", "link": "a fake link", "pid": 7, "seed": null, "board": null,
+                            "version": 1, "name": name, "link": "a fake link", "pid": 7, "seed": seed, "board": null,
                             "rig_file": DEFAULT_NAME, "rig_text": DEFAULT_TEXT, "now_ns": 0, "terminal": null,
                         })
                     } else {

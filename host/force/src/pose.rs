@@ -12,8 +12,8 @@
 //!   ```
 //!
 //!   The shapes are those of [`robot::source::Udp`]. `{"position": [x, y, z]}` and
-//!   `{"position": {"x": x, "y": y, "z": z}}` do as well, other keys are ignored. Every pose passes
-//!   [`robot::watch::Watch`]: a pose older than `max_age_s`, or none at all, a tip that jumps,
+//!   `{"position": {"x": x, "y": y, "z": z}}` do as well; keys that are not known are told once
+//!   ([`PoseSource::notices`]). Every pose passes [`robot::watch::Watch`]: a pose older than `max_age_s`, or none at all, a tip that jumps,
 //!   another `frame_id`, a second sender, and an `operating_state` that is FAULT or DISABLED stop
 //!   the rig.
 //! * `source = "static"`: the tip is clamped at `position_m`.
@@ -44,7 +44,7 @@ pub enum PoseError {
     #[error("this link reports no pose, or none any more; set `source` in [pose] of the rig file to \"udp\" or \"static\"")]
     NotFromLink,
     /// Nothing has come yet, or not for too long.
-    #[error("no pose of the robot on {listen} for {age_s:.2} s ({bad} datagrams were no poses); is the robot's software sending?")]
+    #[error("no pose of the robot on {listen} for {age_s:.2} s ({bad} datagrams were no poses{}); is the robot's software sending?", last.as_ref().map_or_else(String::new, |last| format!("; the last thing that was refused: {last}")))]
     Stale {
         /// The address.
         listen: String,
@@ -52,6 +52,8 @@ pub enum PoseError {
         age_s: f64,
         /// Datagrams that could not be read.
         bad: u64,
+        /// What was refused last since the newest pose.
+        last: Option<Box<Event>>,
     },
     /// What the robot tells on the way to its poses.
     #[error("poses on {listen}: {event}")]
@@ -89,6 +91,10 @@ pub struct UdpPoses {
     began: Instant,
     since: Instant,
     bad: u64,
+    /// What was refused since the newest pose.
+    last: Option<Box<Event>>,
+    /// What is to be told and ends nothing.
+    notices: Vec<String>,
 }
 
 impl PoseSource {
@@ -151,8 +157,20 @@ impl PoseSource {
         if let Self::Udp(poses) = self {
             poses.source.forget();
             poses.newest = None;
+            poses.last = None;
             poses.tip_at_ns = None;
             poses.since = Instant::now();
+        }
+    }
+
+    /// What the datagrams gave to tell since the last call, such as a key that is not known. It ends
+    /// nothing.
+    pub fn notices(&mut self) -> Vec<String> {
+        match self {
+            Self::Udp(poses) => (poses.notices.drain(..))
+                .map(|text| format!("poses on {}: {text}", poses.listen))
+                .collect(),
+            Self::Rig | Self::Static(_) => Vec::new(),
         }
     }
 
@@ -193,6 +211,8 @@ impl UdpPoses {
             began: Instant::now(),
             since: Instant::now(),
             bad: 0,
+            last: None,
+            notices: Vec::new(),
         })
     }
 
@@ -211,16 +231,21 @@ impl UdpPoses {
             }
         };
         for event in &poll.events {
+            if event.stops() && !matches!(event, Event::Silent { .. }) {
+                self.last = Some(Box::new(event.clone()));
+            }
             match event {
                 // Of another program, or no message. Too many in a row are a pose that is too old.
                 Event::Invalid(StateError::Format(_)) => self.bad += 1,
                 Event::Silent { .. } => {}
                 event if event.stops() => return Err(wrong(&self.listen, event.clone())),
+                Event::LeftOut(_) => self.notices.push(event.to_string()),
                 _ => {}
             }
         }
         for state in &poll.states {
             if let (Some(tip), Some(received)) = (&state.tip, &state.received) {
+                self.last = None;
                 self.newest = Some((received.t_ns, tip.position_m.into()));
                 self.tip_at_ns = poll.tip_at_ns(state);
             }
@@ -235,6 +260,7 @@ impl UdpPoses {
                 listen: self.listen.clone(),
                 age_s,
                 bad: self.bad,
+                last: self.last.clone(),
             }),
         }
     }
@@ -311,12 +337,27 @@ mod tests {
             Err(PoseError::Stale { bad: 0, .. })
         ));
         rig.until("no pose", |_, bad| bad == 1);
+        // Who waits for the first pose learns why none is.
+        let error = rig.source.tip_m(None).unwrap_err();
+        assert!(error.to_string().contains("can't be read"), "{error}");
         rig.until("{\"position\"", |_, bad| bad == 2);
         rig.reaches(POSE, [0.1, -0.2, 0.3]);
         rig.poses().max_age_s = 0.0;
         std::thread::sleep(Duration::from_millis(1));
         let error = rig.source.tip_m(None).unwrap_err();
         assert!(error.to_string().contains("no pose"), "{error}");
+    }
+
+    #[test]
+    fn a_key_that_is_not_known_is_told_once() {
+        let mut rig = Rig::new();
+        for tip_m in [[0.1, -0.2, 0.3], [0.1, -0.2, 0.3001]] {
+            let pose = format!(r#"{{"position": {tip_m:?}, "time": 5}}"#);
+            rig.reaches(&pose, tip_m);
+        }
+        let told = rig.source.notices();
+        assert!(told.len() == 1 && told[0].contains("`time`"), "{told:?}");
+        assert!(rig.source.notices().is_empty());
     }
 
     #[test]
@@ -362,6 +403,24 @@ mod tests {
             rig.sender.send(enabled.as_bytes()).unwrap();
             rig.reaches(POSE, [0.1, -0.2, 0.3]);
             rig.stops(datagram, words);
+        }
+        // Of ROS's shape, and a datagram that contradicts itself.
+        let header = |stamp: &str, frame: &str| {
+            POSE.replace(
+                '}',
+                &format!(r#", "header": {{"stamp": {stamp}, "frame_id": "{frame}"}}}}"#),
+            )
+        };
+        let twice = header("7", "").replace('{', r#"{"stamp_s": 9, "#);
+        let twice = twice.replacen(r#""header": {"stamp_s": 9, "#, r#""header": {"#, 1);
+        for (datagram, words) in [
+            (header(r#"{"secs": 0, "nsecs": 0}"#, ""), "stamp is 0"),
+            (header("null", "ECM"), "`ECM`"),
+            (twice, "its stamp is"),
+        ] {
+            let mut rig = Rig::new();
+            rig.reaches(POSE, [0.1, -0.2, 0.3]);
+            rig.stops(&datagram, words);
         }
         // By the sender's own clock, 10 ms apart: this test may be held up for longer.
         let mut rig = Rig::new();

@@ -83,7 +83,11 @@ pub fn fresh_pose(
         observer.received(&session.drain());
         check_stop(stop)?;
         match pose.tip_m(session.pose().map(|pose| pose.position_m.into())) {
-            Ok(tip_m) => return Ok(tip_m),
+            Ok(tip_m) => {
+                let told = pose.notices();
+                told.iter().for_each(|text| observer.notice(text));
+                return Ok(tip_m);
+            }
             Err(_) if pose.may_still_come() => {}
             Err(error) => return Err(error.into()),
         }

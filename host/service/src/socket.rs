@@ -6,6 +6,7 @@
 //! stop knows of a rig that it may not reach.
 
 use super::account;
+use super::stop::PORT;
 use rig::LinkChoice;
 use std::ffi::OsString;
 use std::fs;
@@ -355,10 +356,39 @@ impl Reserved {
     }
 }
 
-/// Whether a rig with this name is being brought up: its name is taken, and nobody listens yet.
+/// Names of the emulated rigs that are kept here, those that are being brought up included. No
+/// board's: a board is driven only where its link is named.
 #[must_use]
-pub fn is_starting(name: &str) -> bool {
-    path_of(name).is_ok_and(|path| !path.exists() && is_reserved(&path))
+pub fn kept() -> Vec<String> {
+    let folder = folder().ok();
+    kept_of(answering(), folder.as_deref())
+}
+
+fn kept_of(answering: Vec<Socket>, folder: Option<&Path>) -> Vec<String> {
+    let emulated = |socket: &Socket| {
+        let link = socket.holder().map(|(_, link)| link);
+        socket.name == EMBEDDED_NAME || link.is_some_and(|link| !link.starts_with(PORT))
+    };
+    let mut names: Vec<String> = (answering.into_iter().filter(emulated))
+        .map(|socket| socket.name)
+        .collect();
+    names.extend(folder.map(starting).unwrap_or_default());
+    names.sort();
+    names.dedup();
+    names
+}
+
+/// Names of the rigs that are being brought up: the name is taken, and nobody listens yet.
+fn starting(folder: &Path) -> Vec<String> {
+    let locks = fs::read_dir(folder).into_iter().flatten().flatten();
+    let sockets = locks.filter_map(|lock| {
+        let path = lock.path();
+        (path.extension()? == "lock").then(|| path.with_extension("sock"))
+    });
+    sockets
+        .filter(|path| !path.exists() && is_reserved(path))
+        .filter_map(|path| Some(Socket::at(path)?.name))
+        .collect()
 }
 
 /// Whether somebody has taken the name of the rig that nobody listens for at this socket.
@@ -536,6 +566,31 @@ mod tests {
                 "{elsewhere:?}"
             );
         }
+    }
+
+    #[test]
+    fn an_emulated_rig_is_kept_under_any_name_and_a_board_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(format!("{name}.sock"));
+        let listen = |name: &str, link: &str| {
+            let mut listening = Listening::bind_at(at(name)).unwrap();
+            listening.note(link).unwrap();
+            listening
+        };
+        let served = [
+            listen("one", "embedded rig"),
+            listen("usb", "port /dev/ttyACM0"),
+        ];
+        let sockets = || {
+            let paths = served.iter().map(|listening| listening.path().to_owned());
+            paths.filter_map(Socket::at).collect()
+        };
+        assert_eq!(kept_of(sockets(), Some(folder.path())), ["one"]);
+        let reserved = Reserved::take_at(at("two")).unwrap();
+        assert_eq!(kept_of(sockets(), Some(folder.path())), ["one", "two"]);
+        // A name that was taken once, and is not now.
+        drop(reserved);
+        assert_eq!(kept_of(sockets(), Some(folder.path())), ["one"]);
     }
 
     #[test]

@@ -33,7 +33,7 @@ pub const END_AFTER: Duration = Duration::from_secs(1);
 /// How long anything may take.
 pub const GIVE_UP: Duration = Duration::from_secs(10);
 /// How [`Port`] names itself: the link of a service that has a board.
-const PORT: &str = "port ";
+pub(super) const PORT: &str = "port ";
 /// When the next way is taken, from the beginning.
 const WAITS: [Duration; 3] = [PROMPT, END_AFTER, GIVE_UP];
 /// Numbers of the two requests.

@@ -7,12 +7,14 @@
 //!  "operating_state": {"state": "ENABLED", "is_homed": true}}
 //! ```
 //!
-//! `stamp_s` is the sender's clock in s, without it the time of receipt counts. The sender's
-//! address is the publisher: two senders are two publishers. Everything but a tip or joints may be
-//! missing; a position may be `{"x": ..., "y": ..., "z": ...}`, and a bare
+//! `stamp_s` is the sender's clock in s, without it the time of receipt counts. A `header` of ROS in
+//! the datagram, in `measured_cp` or in `measured_js` does as well: `stamp` is `{"secs", "nsecs"}`,
+//! `{"sec", "nanosec"}` or s, `frame_id` that of the pose. What is told twice has to agree. The
+//! sender's address is the publisher: two senders are two publishers. Everything but a tip or
+//! joints may be missing; a position may be `{"x": ..., "y": ..., "z": ...}`, and a bare
 //! `{"position": [x, y, z]}` is a tip. Of several lines the last one counts. `NaN` and `Infinity`,
 //! which Python writes though JSON does not have them, and `null` are numbers that are not known.
-//! Anything that is not of this shape is an event.
+//! Anything that is not of this shape is an event; a key that is not known is left out, and told.
 
 use super::{arrival, sift, Poll, Source, SourceError, UdpConfig};
 use crate::crtk::operating;
@@ -20,7 +22,9 @@ use crate::state::{
     Clock, Effort, JointState, Meaning, OperatingState, RobotState, Stamp, StateError, TipState,
 };
 use crate::watch::Watch;
+use serde::de::IgnoredAny;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::mpsc::{sync_channel, Receiver, SyncSender};
 use std::sync::{Arc, Weak};
@@ -33,23 +37,85 @@ const QUEUE: usize = 1_000;
 /// After this time without a datagram the thread looks whether it is still needed.
 const PATIENCE: Duration = Duration::from_millis(200);
 
+/// Keys that are not known. One of them may be a stamp by another name, so none is passed over in
+/// silence.
+type Unknown = BTreeMap<String, IgnoredAny>;
+
 #[derive(Deserialize)]
 struct Message {
     stamp_s: Option<f64>,
     seq: Option<u64>,
+    header: Option<Header>,
     measured_cp: Option<Cp>,
     measured_js: Option<Js>,
     operating_state: Option<Operates>,
     /// Of a bare pose.
     position: Option<Position>,
+    #[serde(flatten)]
+    unknown: Unknown,
+}
+
+/// `std_msgs/Header` of ROS 1 or 2.
+#[derive(Deserialize)]
+struct Header {
+    stamp: Option<Time>,
+    #[serde(default)]
+    frame_id: String,
+    #[serde(rename = "seq")]
+    _seq: Option<IgnoredAny>,
+    #[serde(flatten)]
+    unknown: Unknown,
+}
+
+/// A stamp: of ROS 1, of ROS 2, or s.
+#[derive(Deserialize, Clone, Copy)]
+#[serde(
+    untagged,
+    expecting = "a stamp that is none: {\"secs\", \"nsecs\"}, {\"sec\", \"nanosec\"} or a number of s"
+)]
+enum Time {
+    Ros {
+        #[serde(alias = "sec")]
+        secs: i64,
+        #[serde(alias = "nanosec")]
+        nsecs: u32,
+    },
+    Seconds(f64),
+}
+
+impl Time {
+    /// ns since 1970; `None` where it is not known.
+    fn ns(self) -> Result<Option<i64>, StateError> {
+        let s = match self {
+            Self::Ros { secs, .. } => secs as f64,
+            Self::Seconds(s) => s,
+        };
+        if s.is_finite() && s.abs() > LARGEST_STAMP_S {
+            return Err(StateError::StampUnit(s));
+        }
+        Ok(match self {
+            Self::Ros { secs, nsecs } => Some(secs * 1_000_000_000 + i64::from(nsecs)),
+            Self::Seconds(s) => s.is_finite().then_some((s * 1e9) as i64),
+        })
+    }
+}
+
+impl Header {
+    fn ns(header: Option<&Self>) -> Result<Option<i64>, StateError> {
+        let stamp = header.and_then(|header| header.stamp);
+        stamp.map_or(Ok(None), Time::ns)
+    }
 }
 
 #[derive(Deserialize)]
 struct Cp {
+    header: Option<Header>,
     position: Position,
     orientation: Option<[Number; 4]>,
     #[serde(default)]
     frame_id: String,
+    #[serde(flatten)]
+    unknown: Unknown,
 }
 
 #[derive(Deserialize)]
@@ -63,20 +129,136 @@ enum Position {
 #[serde(default)]
 #[derive(Default)]
 struct Js {
+    header: Option<Header>,
     name: Vec<String>,
     position: Vec<Number>,
     velocity: Vec<Number>,
     effort: Vec<Number>,
+    #[serde(flatten)]
+    unknown: Unknown,
 }
 
 #[derive(Deserialize)]
 struct Operates {
+    /// It is published on change: its stamp does not count.
+    #[serde(rename = "header")]
+    _header: Option<IgnoredAny>,
+    #[serde(rename = "sub_state")]
+    _sub_state: Option<IgnoredAny>,
     state: String,
     /// Who does not tell it does not say that it is not.
     #[serde(default = "yes")]
     is_homed: bool,
     #[serde(default)]
     is_busy: bool,
+    #[serde(flatten)]
+    unknown: Unknown,
+}
+
+impl Message {
+    /// The keys that are not known, as a flaw of a part that is not needed.
+    fn unknown(&self) -> Option<StateError> {
+        let headers = [
+            ("header.", self.header.as_ref()),
+            (
+                "measured_cp.header.",
+                self.measured_cp.as_ref().and_then(|cp| cp.header.as_ref()),
+            ),
+            (
+                "measured_js.header.",
+                self.measured_js.as_ref().and_then(|js| js.header.as_ref()),
+            ),
+        ];
+        let parts = [
+            ("", Some(&self.unknown)),
+            (
+                "measured_cp.",
+                self.measured_cp.as_ref().map(|cp| &cp.unknown),
+            ),
+            (
+                "measured_js.",
+                self.measured_js.as_ref().map(|js| &js.unknown),
+            ),
+            (
+                "operating_state.",
+                self.operating_state.as_ref().map(|o| &o.unknown),
+            ),
+        ];
+        let headers = headers.map(|(at, header)| (at, header.map(|header| &header.unknown)));
+        let keys: Vec<String> = (parts.into_iter().chain(headers))
+            .flat_map(|(at, keys)| {
+                keys.into_iter()
+                    .flat_map(BTreeMap::keys)
+                    .map(move |key| format!("`{at}{}`", key.escape_debug()))
+            })
+            .collect();
+        (!keys.is_empty())
+            .then(|| StateError::UnknownKeys(keys.join(", ")).of_optional("unknown keys"))
+    }
+
+    /// Stamps of the state and of its pose, ns: that of the datagram is that of both.
+    fn stamps(&self) -> Result<Stamps, StateError> {
+        let of_all = one_stamp([
+            (self.stamp_s.map(Time::Seconds)).map_or(Ok(None), Time::ns)?,
+            Header::ns(self.header.as_ref())?,
+        ])?;
+        let cp = Header::ns(self.measured_cp.as_ref().and_then(|cp| cp.header.as_ref()))?;
+        let js = Header::ns(self.measured_js.as_ref().and_then(|js| js.header.as_ref()))?;
+        let (tip, joints) = (one_stamp([of_all, cp])?, one_stamp([of_all, js])?);
+        // Without a stamp of their own the joints are as old as the pose.
+        Ok(Stamps {
+            state: if js.is_some() { joints } else { tip },
+            tip,
+        })
+    }
+
+    /// Name of the pose's frame; empty where none is told.
+    fn frame_id(&self) -> Result<&str, StateError> {
+        let cp = self.measured_cp.as_ref();
+        let told = [
+            cp.map(|cp| cp.frame_id.as_str()),
+            cp.and_then(|cp| cp.header.as_ref())
+                .map(|h| h.frame_id.as_str()),
+            self.header.as_ref().map(|h| h.frame_id.as_str()),
+        ];
+        let mut told = told.into_iter().flatten().filter(|name| !name.is_empty());
+        let first = told.next().unwrap_or_default();
+        match told.find(|other| *other != first) {
+            None => Ok(first),
+            Some(other) => Err(StateError::Contradiction {
+                key: "frame_id",
+                first: first.to_owned(),
+                second: other.to_owned(),
+            }),
+        }
+    }
+}
+
+/// Stamps of a datagram, ns; `None`: not told.
+struct Stamps {
+    state: Option<i64>,
+    tip: Option<i64>,
+}
+
+/// Stamps that differ by less are the same, ns: one of them may be rounded to ms.
+const SAME_STAMP_NS: i64 = 1_000_000;
+
+/// The one stamp that is told once or twice.
+fn one_stamp([first, second]: [Option<i64>; 2]) -> Result<Option<i64>, StateError> {
+    match (first, second) {
+        // CRTK's mark of invalid data counts, whatever stands beside it.
+        (Some(0), _) | (_, Some(0)) => Err(StateError::Invalid),
+        (Some(a), Some(b)) if a.abs_diff(b) > SAME_STAMP_NS.unsigned_abs() => {
+            let s = |ns: i64| format!("{:.9} s", ns as f64 * 1e-9);
+            Err(StateError::Contradiction {
+                key: "stamp",
+                first: s(a),
+                second: s(b),
+            })
+        }
+        // A header's is whole ns.
+        (first, second) => Ok(second.or(first)),
+    }
 }
 
 const fn yes() -> bool {
@@ -210,27 +392,27 @@ impl Udp {
         self.address
     }
 
-    fn state(&self, datagram: &Datagram, received: Stamp) -> Result<RobotState, StateError> {
-        let message = parse(&datagram.bytes)?;
-        let stamp = match message.stamp_s {
-            Some(stamp_s) if stamp_s.abs() > LARGEST_STAMP_S && stamp_s.is_finite() => {
-                return Err(StateError::StampUnit(stamp_s));
-            }
-            Some(stamp_s) if stamp_s.is_finite() => Stamp {
+    fn state(
+        &self,
+        message: Message,
+        from: SocketAddr,
+        received: Stamp,
+    ) -> Result<RobotState, StateError> {
+        let stamps = message.stamps()?;
+        let frame_id = message.frame_id()?.into();
+        let stamp = match stamps.state {
+            Some(t_ns) => Stamp {
                 clock: Clock::RobotUtc,
-                t_ns: (stamp_s * 1e9) as i64,
+                t_ns,
             },
-            _ => received.clone(),
+            None => received.clone(),
         };
         let numbers = |list: Vec<Number>| list.into_iter().map(|number| number.0).collect();
         let some = |list: Vec<Number>| (!list.is_empty()).then(|| numbers(list));
-        let bare = message.position.map(|position| Cp {
-            position,
-            orientation: None,
-            frame_id: String::new(),
-        });
+        let bare = message.position.map(|position| (position, None));
+        let pose = (message.measured_cp).map(|cp| (cp.position, cp.orientation));
         Ok(RobotState {
-            publisher: datagram.from.to_string().into(),
+            publisher: from.to_string().into(),
             sequence: message.seq,
             stamp,
             received: Some(received),
@@ -244,12 +426,12 @@ impl Udp {
                 }),
                 setpoint: None,
             }),
-            tip: message.measured_cp.or(bare).map(|cp| TipState {
+            tip: pose.or(bare).map(|(position, orientation)| TipState {
                 frame: self.config.frame.clone(),
-                frame_id: cp.frame_id.into(),
-                stamp_ns: None,
-                position_m: cp.position.into(),
-                orientation_xyzw: cp.orientation.map(|q| q.map(|number| number.0)),
+                frame_id,
+                stamp_ns: stamps.tip,
+                position_m: position.into(),
+                orientation_xyzw: orientation.map(|q| q.map(|number| number.0)),
                 velocity_m_per_s: None,
                 angular_velocity_rad_per_s: None,
             }),
@@ -272,7 +454,12 @@ impl Source for Udp {
         let polled = Instant::now();
         let mut received = Vec::new();
         for datagram in self.incoming.try_iter().take(QUEUE) {
-            received.push(self.state(&datagram, arrival(now_ns, polled, datagram.came)));
+            let came = arrival(now_ns, polled, datagram.came);
+            let state = parse(&datagram.bytes).and_then(|message| {
+                received.extend(message.unknown().map(Err));
+                self.state(message, datagram.from, came)
+            });
+            received.push(state);
         }
         Ok(sift(received, &mut self.watch, &self.config.mount, now_ns))
     }
