@@ -58,7 +58,8 @@ pub struct Existing {
     /// The rig as its file has it, from `load` on.
     #[arg(skip)]
     of_file: RefCell<Option<Rig>>,
-    /// How the rig is reached, from `load` on: once for a command, whatever starts or ends meanwhile.
+    /// How the rig is reached, from `load` on: once for a command, whatever starts or ends
+    /// meanwhile.
     #[arg(skip)]
     target: RefCell<Option<Target>>,
     /// Number of the board that the rig was tested with, after `require_unchanged`.
@@ -652,8 +653,8 @@ fn running() -> Vec<String> {
     Vec::new()
 }
 
-/// The one of the kept rigs that is meant where no link is named: that of the default name, else the
-/// only one.
+/// The one of the kept rigs that is meant where no link is named: that of the default name, else
+/// the only one.
 fn the_kept(names: Vec<String>) -> Result<Option<String>> {
     let default = default_name();
     if names.contains(&default) {
@@ -735,7 +736,7 @@ mod tests {
     #[test]
     fn the_rig_that_is_kept_is_meant_and_of_several_the_default_one() {
         let of = |names: &[&str]| the_kept(names.iter().map(|&name| name.to_owned()).collect());
-        let chosen = |names: &[&str]| of(names).ok().expect("chosen");
+        let chosen = |names: &[&str]| of(names).unwrap_or_else(|_| panic!("several"));
         assert_eq!(chosen(&[]), None);
         assert_eq!(chosen(&["one"]).as_deref(), Some("one"));
         assert_eq!(chosen(&["one", "rig"]).as_deref(), Some("rig"));

@@ -13,9 +13,9 @@
 //!
 //!   The shapes are those of [`robot::source::Udp`]. `{"position": [x, y, z]}` and
 //!   `{"position": {"x": x, "y": y, "z": z}}` do as well; keys that are not known are told once
-//!   ([`PoseSource::notices`]). Every pose passes [`robot::watch::Watch`]: a pose older than `max_age_s`, or none at all, a tip that jumps,
-//!   another `frame_id`, a second sender, and an `operating_state` that is FAULT or DISABLED stop
-//!   the rig.
+//!   ([`PoseSource::notices`]). Every pose passes [`robot::watch::Watch`]: a pose older than
+//!   `max_age_s`, or none at all, a tip that jumps, another `frame_id`, a second sender, and an
+//!   `operating_state` that is FAULT or DISABLED stop the rig.
 //! * `source = "static"`: the tip is clamped at `position_m`.
 
 use crate::preview::Moment;
@@ -163,8 +163,8 @@ impl PoseSource {
         }
     }
 
-    /// What the datagrams gave to tell since the last call, such as a key that is not known. It ends
-    /// nothing.
+    /// What the datagrams gave to tell since the last call, such as a key that is not known. It
+    /// ends nothing.
     pub fn notices(&mut self) -> Vec<String> {
         match self {
             Self::Udp(poses) => (poses.notices.drain(..))

@@ -7,11 +7,11 @@
 //!  "operating_state": {"state": "ENABLED", "is_homed": true}}
 //! ```
 //!
-//! `stamp_s` is the sender's clock in s, without it the time of receipt counts. A `header` of ROS in
-//! the datagram, in `measured_cp` or in `measured_js` does as well: `stamp` is `{"secs", "nsecs"}`,
-//! `{"sec", "nanosec"}` or s, `frame_id` that of the pose. What is told twice has to agree. The
-//! sender's address is the publisher: two senders are two publishers. Everything but a tip or
-//! joints may be missing; a position may be `{"x": ..., "y": ..., "z": ...}`, and a bare
+//! `stamp_s` is the sender's clock in s, without it the time of receipt counts. A `header` of ROS
+//! in the datagram, in `measured_cp` or in `measured_js` does as well: `stamp` is `{"secs",
+//! "nsecs"}`, `{"sec", "nanosec"}` or s, `frame_id` that of the pose. What is told twice has to
+//! agree. The sender's address is the publisher: two senders are two publishers. Everything but a
+//! tip or joints may be missing; a position may be `{"x": ..., "y": ..., "z": ...}`, and a bare
 //! `{"position": [x, y, z]}` is a tip. Of several lines the last one counts. `NaN` and `Infinity`,
 //! which Python writes though JSON does not have them, and `null` are numbers that are not known.
 //! Anything that is not of this shape is an event; a key that is not known is left out, and told.
