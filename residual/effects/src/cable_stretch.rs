@@ -101,7 +101,7 @@ impl Effect for CableStretch {
                 lag(label, "lowpass_held");
             }
         }
-        if ctx.spec.roles.angle.is_some() && !declared.iter().any(|d| d == "angle") {
+        if ctx.spec.roles.angle.is_some() {
             let angle = angle_along(ctx, "angle");
             let unit = ctx.per(&ctx.position_unit());
             let angles = ctx.angles();

@@ -1,6 +1,9 @@
 //! Elasticity in series: the cable stretches before it pulls.
 
+use crate::noise::Noise;
 use crate::rig::{knowing, simulate, Excitation};
+use residual::spec::Spec;
+use residual::{analyse, Data};
 use residual_effects::*;
 
 /// Spring in a model of a motion with this amplitude in rad, the speed counted along the angle or
@@ -153,4 +156,51 @@ fn over_a_short_arc_a_spring_may_be_a_weight() {
         (label(0.3), label(2.0)),
         ("spring over a short arc".into(), "spring".into())
     );
+}
+
+/// A declared weight depends on the same angle, and is no reason not to look for a spring.
+#[test]
+fn a_spring_is_found_beside_a_declared_weight() {
+    let model = r#"
+[roles]
+time = { column = "t", unit = "s" }
+target = { column = "y", unit = "N m" }
+command = { column = "c", unit = "N m" }
+angle = { column = "q", unit = "rad" }
+
+[[terms]]
+name = "torque"
+expr = "command"
+
+[[terms]]
+name = "weight"
+expr = "sin(angle)"
+"#;
+    const ROWS: usize = 1500;
+    let mut noise = Noise(5);
+    let (mut time, mut command, mut angle, mut target) = (vec![], vec![], vec![], vec![]);
+    for log in 0..4 {
+        for i in 0..ROWS {
+            let (t, p) = (0.02 * i as f64, f64::from(log));
+            let c = 2.0 + (0.7 * t + p).sin() + (1.9 * t + 2.0 * p).sin();
+            let q = 1.1 * (0.45 * t + 2.0 * p).sin() + 0.7 * (1.3 * t + p).sin();
+            time.push(t);
+            command.push(c);
+            angle.push(q);
+            target.push(c - 1.5 * q.sin() - 0.4 * q + 0.1 * noise.next());
+        }
+    }
+    let columns = [("command", command), ("angle", angle), ("target", target)];
+    let data = Data::from_columns(time, columns)
+        .sequences((0..4).map(|k| k * ROWS..(k + 1) * ROWS))
+        .build()
+        .expect("data");
+    let spec = Spec::parse(model).expect("model");
+    let report = analyse(&spec, data, &mut ()).expect("analysis");
+    let [found] = report.effects.as_slice() else {
+        panic!("{}", report.summary());
+    };
+    assert_eq!(found.name, "cable_stretch", "{}", report.summary());
+    let stiffness = found.params["stiffness"];
+    assert!((stiffness + 0.4).abs() < 0.02, "{stiffness}");
 }
