@@ -193,8 +193,8 @@ impl Psi {
     }
 }
 
-/// Distance from a limit, as a share of it, at which a value is at the limit: a refinement comes near
-/// it without reaching it.
+/// Distance from a limit, as a share of it, at which a value is at the limit: a refinement comes
+/// near it without reaching it.
 const AT_LIMIT: f64 = 0.01;
 
 impl Psi {
