@@ -12,7 +12,6 @@ use common::*;
 use core_sim::Options;
 use emulator_link::Injection;
 use rig::Rig;
-use session::link::fast::FastRig;
 use session::link::RigLink;
 use session::{Session, SessionError};
 use std::sync::atomic::AtomicBool;
@@ -110,14 +109,7 @@ fn a_stop_from_elsewhere_ends_the_tests_and_is_not_cleared() {
         stop: &stop,
     };
     for (test, stops_at_ms) in [(Test::Power, 4), (Test::Motors, 4), (Test::Tension, 200)] {
-        let mut link = Watched {
-            rig: FastRig::with(Options::default()).unwrap(),
-            most_n: 0.0,
-            command_n: 0.0,
-            pulse_ms: [0; UNITS],
-            longest_ms: 0,
-            stops_at_ms: None,
-        };
+        let mut link = Watched::new(Options::default());
         let mut figures = Figures::default();
         for before in Test::ALL.into_iter().take_while(|before| *before != test) {
             let mut session = Session::connect(&mut link).unwrap();
@@ -149,14 +141,7 @@ fn a_stop_from_elsewhere_ends_the_tests_and_is_not_cleared() {
 #[test]
 fn the_board_ends_a_pulse_by_itself() {
     let rig = Rig::built_in().unwrap();
-    let mut link = Watched {
-        rig: FastRig::with(Options::default()).unwrap(),
-        most_n: 0.0,
-        command_n: 0.0,
-        pulse_ms: [0; UNITS],
-        longest_ms: 0,
-        stops_at_ms: None,
-    };
+    let mut link = Watched::new(Options::default());
     let mut session = Session::connect(&mut link).unwrap();
     let mut configs = configs(&rig, [true; UNITS], [0; UNITS], 1, BLIND_N);
     // Without a zero its limit of 3 N would be a fault.

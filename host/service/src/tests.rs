@@ -415,6 +415,8 @@ fn a_stop_from_elsewhere_is_not_cleared_by_who_was_stopped() {
     session.command(&Command::Stop).unwrap();
     session.command(&Command::ClearFaults).unwrap();
     rig.client("a terminal").call(Call::Stop).unwrap();
+    // As a program does that can't disarm any more.
+    session.command(&Command::Stop).unwrap();
     for command in [Command::ClearFaults, Command::Arm] {
         let error = session.command(&command).unwrap_err().to_string();
         assert!(error.contains("forcectl clear"), "{error}");

@@ -19,6 +19,11 @@ impl Effect for PeriodicAngle {
     fn repeatable(&self) -> bool {
         true
     }
+    /// Orders are proposals of a spectrum, the first and the last of them as good as the others:
+    /// with a lag or a delay found beside it, the peak moves by a little.
+    fn may_be_at_end(&self, _: &Variant) -> [bool; 2] {
+        [true; 2]
+    }
     fn remedies(&self, found: &Found) -> Vec<Remedy> {
         vec![Remedy::Ripple {
             order: (found.get)("order"),

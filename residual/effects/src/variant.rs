@@ -193,23 +193,17 @@ impl Psi {
     }
 }
 
-/// Distance from a limit, as a share of it, at which a value is at the limit: a refinement comes
-/// near it without reaching it.
+/// Distance from a limit, as a share of it or of the resolution, at which a value is at the limit:
+/// a refinement comes near it without reaching it.
 const AT_LIMIT: f64 = 0.01;
 
 impl Psi {
     /// Whether a fitted value is at the lower and at the upper limit of the search, so that the
-    /// best one may lie beyond it. A scan may refine a value to somewhat beyond a limit. Proposals
-    /// with a resolution, such as orders from a spectrum, are no range: the first and the last of
-    /// them are where something else was seen, or nothing.
+    /// best one may lie beyond it. A scan may refine a value to somewhat beyond a limit.
     pub fn at_limits(&self, value: f64) -> [bool; 2] {
         let (low, high) = self.limits();
-        let is_range = self.refine && self.resolution.is_none();
-        [
-            value <= low + AT_LIMIT * low.abs(),
-            value >= high - AT_LIMIT * high.abs(),
-        ]
-        .map(|at| at && is_range)
+        let near = |limit: f64| AT_LIMIT * self.resolution.unwrap_or(limit.abs());
+        [value <= low + near(low), value >= high - near(high)].map(|at| at && self.refine)
     }
 }
 
@@ -435,10 +429,9 @@ mod tests {
         ] {
             assert_eq!(time.at_limits(value).contains(&true), at, "{value}");
         }
-        // Nor does a proposal have an end.
-        let order = psi(&[1.005, 2.0], Some(0.005));
-        for value in [1.0, 1.0001, 2.005] {
-            assert!(order.at_limits(value) == [false, false], "{value}");
+        let place = psi(&[0.0, 2.0], Some(0.5));
+        for (value, at) in [(-0.499, true), (-0.49, false), (0.0, false), (2.5, true)] {
+            assert_eq!(place.at_limits(value).contains(&true), at, "{value}");
         }
         // Only its own values are possible: none lies beyond.
         let given = Psi {

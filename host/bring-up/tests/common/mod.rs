@@ -43,6 +43,19 @@ pub struct Watched {
     pub stops_at_ms: Option<u32>,
 }
 
+impl Watched {
+    pub fn new(options: Options) -> Self {
+        Self {
+            rig: FastRig::with(options).unwrap(),
+            most_n: 0.0,
+            command_n: 0.0,
+            pulse_ms: [0; UNITS],
+            longest_ms: 0,
+            stops_at_ms: None,
+        }
+    }
+}
+
 impl RigLink for Watched {
     fn name(&self) -> String {
         self.rig.name()
@@ -118,14 +131,7 @@ pub fn run(pull_mm: f64, case: &Case, slack_mm: f64, seed: u64) -> Run {
         plant,
         ..Options::default()
     };
-    let mut link = Watched {
-        rig: FastRig::with(options).unwrap(),
-        most_n: 0.0,
-        command_n: 0.0,
-        pulse_ms: [0; UNITS],
-        longest_ms: 0,
-        stops_at_ms: None,
-    };
+    let mut link = Watched::new(options);
     for injection in &case.injections {
         link.rig.controls().unwrap().inject(*injection).unwrap();
     }

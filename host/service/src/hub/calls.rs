@@ -93,9 +93,7 @@ impl Hub {
             },
             Call::Disarm => self.disarm(id, number),
             Call::Clear => match self.make_commander_to_clear(id) {
-                Ok(()) => {
-                    self.send(Origin::Call(id, number.cloned()), Command::ClearFaults);
-                }
+                Ok(()) => self.send(Origin::Call(id, number.cloned()), Command::ClearFaults),
                 Err(other) => self.busy(id, number, &other),
             },
             Call::Hold(hold) => self.start_job(id, number, Kind::Hold(hold)),

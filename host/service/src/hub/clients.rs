@@ -282,7 +282,9 @@ impl Hub {
 
     /// Tells everyone who stops the rig, before the board does it.
     pub(super) fn note_stop(&mut self, id: ClientId) {
-        self.stopped = self.commander.filter(|commander| *commander != id);
+        // One that stops itself afterwards was stopped from elsewhere all the same.
+        let by_another = self.commander.filter(|commander| *commander != id);
+        self.stopped = by_another.or(self.stopped);
         let text = format!("{}{}", super::STOPPED_BY, self.name_of(id));
         self.event("stop", text, None);
     }

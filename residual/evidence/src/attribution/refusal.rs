@@ -147,6 +147,9 @@ mod tests {
         assert_eq!(own, [false, false, false, false, true, true]);
         let own = ends(EffectKind::Creep, Form::Other);
         assert_eq!(own, [true, true, false, false, true, true]);
+        // An order of a ripple is one of a spectrum's proposals.
+        let own = ends(EffectKind::PeriodicAngle, Form::ShareOfLoad);
+        assert_eq!(own, [false; 6]);
         // A drift that warms through at once is the plain one.
         let own = ends(EffectKind::DriftTemperature, Form::Other);
         assert_eq!(own, [false, false, false, false, true, true]);
