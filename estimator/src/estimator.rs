@@ -93,7 +93,8 @@ pub struct Estimator {
     pub base: Base,
     /// Intervals, where they were calibrated.
     pub interval: Option<Interval>,
-    /// Intervals of a model that knows what has changed of its robot.
+    /// Intervals of a model that knows what has changed of its robot: what is left beside
+    /// [`Fit::unsure_n`](crate::model::Fit::unsure_n).
     pub told: Option<Interval>,
     /// Inputs without which it was trained, by their place in [`crate::motion::INPUT_NAMES`].
     pub absent: Vec<usize>,
@@ -597,20 +598,20 @@ fn calibrated(
         for sequence in sequences.iter().filter(|s| held(s)) {
             for k in 0..2 {
                 let stepper = || match k {
-                    0 => Some(model.stepper()),
+                    0 => Some((model.stepper(), 0)),
                     _ => model.told_stepper(sequence),
                 };
-                let (Some(whole), Some(broken)) = (stepper(), stepper()) else {
+                let (Some((whole, from)), Some((broken, _))) = (stepper(), stepper()) else {
                     continue;
                 };
-                held_out[k].push(held_out_of(model, whole, sequence, training.axes.len()));
-                after_breaks(training, broken, sequence, &mut started[k]);
+                held_out[k].push(held_out_of(model, whole, sequence, &training.axes, from));
+                after_breaks(training, broken, sequence, from, &mut started[k]);
             }
         }
     }
     let fit = |k: usize| Interval::fit(&held_out[k], &started[k], training.base, &training.axes);
-    let told = (held_out[1].len() == held_out[0].len()).then(|| fit(1));
-    Ok((Some(fit(0)?), told.transpose()?))
+    // Where logs are too short to tell, the intervals are those of the others.
+    Ok((Some(fit(0)?), fit(1).ok()))
 }
 
 /// Estimates of a model that has not seen the sequence, and its largest misfit.
@@ -618,23 +619,28 @@ fn held_out_of<'a>(
     model: &dyn Model,
     mut stepper: Box<dyn Stepper + '_>,
     sequence: &'a Sequence,
-    axes: usize,
+    axes: &[usize],
+    from: usize,
 ) -> HeldOut<'a> {
-    let mut predicted = vec![0.0; sequence.rows() * axes];
+    let mut predicted = vec![0.0; sequence.rows() * axes.len()];
+    let mut unsure_n = Vec::new();
     let mut misfit: Option<[f64; TIMES]> = None;
-    for (k, force) in predicted.chunks_exact_mut(axes).enumerate() {
+    for (k, force) in predicted.chunks_exact_mut(axes.len()).enumerate() {
         stepper.step(sequence.input_row(k), force);
         let Some(fit) = stepper.fit() else {
             // It tells nothing of its fit, and many rows at once are faster for some.
             predicted = model.predict(sequence);
             break;
         };
+        unsure_n.push(fit.unsure_n(axes));
         let most = misfit.unwrap_or_default();
         misfit = Some(core::array::from_fn(|k| most[k].max(fit.misfit[k])));
     }
     HeldOut {
         sequence,
         predicted,
+        unsure_n,
+        from,
         misfit,
     }
 }
@@ -648,6 +654,7 @@ fn after_breaks(
     training: &Training,
     mut stepper: Box<dyn Stepper + '_>,
     sequence: &Sequence,
+    from: usize,
     started: &mut Started,
 ) {
     let step_s = sequence.step_s;
@@ -671,9 +678,12 @@ fn after_breaks(
         let input = sequence.input_row(k);
         stepper.step(input, &mut force);
         let moment = motion.step(input);
-        if !moment.settled() {
+        if !moment.settled() && k >= from {
             let error_n = error_n(&force, sequence.target_row(k), &training.axes);
-            started.push(moment, &training.base, error_n);
+            let unsure_n = stepper
+                .fit()
+                .map_or(0.0, |fit| fit.unsure_n(&training.axes));
+            started.push(moment, &training.base, error_n, unsure_n);
         }
     }
 }

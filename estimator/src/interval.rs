@@ -8,6 +8,11 @@
 //! classes of the scale. Rows of a trial are not independent; trials are. So the coverage of one
 //! new trial scatters around the stated one by as much as the trials differ.
 //!
+//! After a recalibration an interval has two parts, whose squares add: what the recalibration has
+//! left unknown, and this. Then the factor is the quantile of what the first part does not explain
+//! of |error|, over held-out trials on whose first minute the model was recalibrated: slow errors of
+//! the balances are in both, and would count twice.
+//!
 //! Rows after a start or a gap have a scale and factors of their own, in which also stands how much
 //! of the friction's state is unknown. They are fitted to replays of the held-out trials with many
 //! starts and gaps. Such a row is valid once its interval is no wider than [`WIDEST`] of the others
@@ -20,7 +25,7 @@ use crate::motion::{Moment, Motion, FILTER_S, LEVELS, PLACES};
 use crate::physics::settle_rows;
 use crate::ridge::{Ridge, Sums};
 use crate::sequence::Sequence;
-use crate::stream::Sure;
+use crate::stream::{Sure, NORMAL_90};
 use serde::{Deserialize, Serialize};
 
 /// Added to absolute errors before the logarithm, N: the noise of the label.
@@ -123,6 +128,11 @@ pub struct HeldOut<'a> {
     pub sequence: &'a Sequence,
     /// Estimates of a model that has not seen this trial: `rows * axes` values.
     pub predicted: Vec<f32>,
+    /// Standard deviation of each estimate by what a recalibration has left unknown, N; empty: there
+    /// was none.
+    pub unsure_n: Vec<f64>,
+    /// First row that the estimates do not know.
+    pub from: usize,
     /// Largest misfit of the model in it, where it tells one.
     pub misfit: Option<[f64; TIMES]>,
 }
@@ -132,18 +142,25 @@ pub struct HeldOut<'a> {
 struct Scores {
     features: Vec<f64>,
     error_n: Vec<f64>,
+    /// What of each error a recalibration does not explain, N.
+    left_n: Vec<f64>,
 }
 
 impl Scores {
-    fn push(&mut self, features: &[f64], error_n: f64) {
+    fn push(&mut self, features: &[f64], error_n: f64, unsure_n: f64) {
         self.features.extend_from_slice(features);
         self.error_n.push(error_n);
+        let square = error_n.powi(2) - (NORMAL_90 * unsure_n).powi(2);
+        self.left_n.push(square.max(0.0).sqrt());
     }
 
-    fn rows(&self) -> impl Iterator<Item = (&[f64], f64)> {
+    /// Features, error and what is left of it.
+    fn rows(&self) -> impl Iterator<Item = (&[f64], f64, f64)> {
         let width = self.features.len() / self.error_n.len().max(1);
         let rows = self.features.chunks_exact(width.max(1));
-        rows.zip(self.error_n.iter().copied())
+        let errors = self.error_n.iter().zip(&self.left_n);
+        rows.zip(errors)
+            .map(|(row, (error_n, left_n))| (row, *error_n, *left_n))
     }
 }
 
@@ -152,11 +169,12 @@ impl Scores {
 pub struct Started(Scores);
 
 impl Started {
-    /// Adds a row and the length of its error, N.
-    pub fn push(&mut self, moment: &Moment, base: &Base, error_n: f64) {
+    /// Adds a row, the length of its error, N, and its standard deviation by what a recalibration
+    /// has left unknown, N.
+    pub fn push(&mut self, moment: &Moment, base: &Base, error_n: f64, unsure_n: f64) {
         let mut row = Vec::with_capacity(START_FEATURES);
         start_features(moment, base, &mut row);
-        self.0.push(&row, error_n);
+        self.0.push(&row, error_n, unsure_n);
     }
 }
 
@@ -198,12 +216,13 @@ impl Interval {
         for held in held_out {
             walk(held, |k, moment| {
                 features(moment, &base, &mut row);
-                rows.push(&row, held.error(k, axes));
+                let unsure_n = held.unsure_n.get(k).copied().unwrap_or(0.0);
+                rows.push(&row, held.error(k, axes), unsure_n);
             });
         }
         let few = || ModelError::Data("too few held-out rows for intervals".to_owned());
         let settled = Scaled::fit(FEATURES, &rows).ok_or_else(few)?;
-        let mut widths: Vec<f64> = rows.rows().map(|(row, _)| settled.half_n(row)).collect();
+        let mut widths: Vec<f64> = rows.rows().map(|(row, ..)| settled.half_n(row)).collect();
         widths.sort_by(f64::total_cmp);
         let widest_n = quantile(&widths, WIDEST);
         let start =
@@ -300,7 +319,7 @@ impl Live<'_> {
 
 fn walk(held: &HeldOut<'_>, mut visit: impl FnMut(usize, &Moment)) {
     let mut motion = Motion::new(held.sequence.step_s);
-    let settle = settle_rows(held.sequence.step_s);
+    let settle = settle_rows(held.sequence.step_s).max(held.from);
     for k in 0..held.sequence.rows() {
         let moment = motion.step(held.sequence.input_row(k));
         if k >= settle {
@@ -314,7 +333,7 @@ impl Scaled {
     /// `None` with too few rows.
     fn fit(features: usize, scores: &Scores) -> Option<Self> {
         let mut sums = Sums::new(features, 1);
-        for (row, error_n) in scores.rows() {
+        for (row, error_n, _) in scores.rows() {
             sums.push(row, &[(error_n + FLOOR_N).ln()]);
         }
         let mut scaled = Self {
@@ -324,9 +343,9 @@ impl Scaled {
         };
         let scored: Vec<(f64, f64)> = scores
             .rows()
-            .map(|(row, error_n)| {
+            .map(|(row, _, left_n)| {
                 let scale = scaled.scale_n(row);
-                (scale, error_n / scale)
+                (scale, left_n / scale)
             })
             .collect();
         let mut scales: Vec<f64> = scored.iter().map(|(scale, _)| *scale).collect();

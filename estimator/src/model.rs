@@ -70,10 +70,11 @@ pub trait Model: Send {
     fn stepper(&self) -> Box<dyn Stepper + '_>;
 
     /// The same for the rows of a log with a measured force, from its first one on, by a model that
-    /// knows what has changed of the robot in it: the measured force has told. Rows that are
-    /// missing are those of a gap; a reset forgets the motion alone. `None`: the model knows no
-    /// changes.
-    fn told_stepper(&self, sequence: &Sequence) -> Option<Box<dyn Stepper + '_>> {
+    /// knows what has changed of the robot in it: the measured force has told, of a robot that
+    /// changes by all rows, of another one by those of the first minute. Gives the first row that
+    /// has not told. Rows that are missing are those of a gap; a reset forgets the motion alone.
+    /// `None`: the model knows no changes, or the log is too short.
+    fn told_stepper(&self, sequence: &Sequence) -> Option<(Box<dyn Stepper + '_>, usize)> {
         let _ = sequence;
         None
     }
@@ -88,6 +89,18 @@ pub struct Fit {
     /// Standard deviation of the components of the force by what a recalibration has left unknown,
     /// N.
     pub unsure_n: [f64; 3],
+}
+
+impl Fit {
+    /// Standard deviation of the length of these components of the force by what a recalibration
+    /// has left unknown, N.
+    #[must_use]
+    pub fn unsure_n(&self, axes: &[usize]) -> f64 {
+        axes.iter()
+            .map(|a| self.unsure_n[*a].powi(2))
+            .sum::<f64>()
+            .sqrt()
+    }
 }
 
 /// A model on a live stream.

@@ -20,7 +20,7 @@
 use crate::motion::{Moment, FILTER_S};
 use crate::wander;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use robot::kinematics::TRANSMISSION;
+use robot::kinematics::{COUPLING, TRANSMISSION};
 use serde::{Deserialize, Serialize};
 
 /// Changes of a motor: offset per Coulomb friction, share of friction, gain, ripple (sine, cosine)
@@ -160,6 +160,8 @@ pub struct Free {
     /// Sum of the times of the rows and of their squares, in [`wander::TIME_S`].
     times: [f64; 2],
     rows: f64,
+    /// Coulomb friction of each motor.
+    coulomb: [f64; 3],
     /// Sum of the squares of what the balances lack, per noise.
     squares: [f64; 3],
     /// Time of the rows, s.
@@ -181,6 +183,7 @@ impl Free {
         let time = time_s / wander::TIME_S;
         self.times = [self.times[0] + time, self.times[1] + time * time];
         self.rows += 1.0;
+        self.coulomb = effects.map(|of| of[0]);
         for i in 0..3 {
             let mut row = Long::zeros();
             row.fixed_rows_mut::<CHANGES>(0)
@@ -204,9 +207,26 @@ impl Free {
     /// the balances are alike, in [`ALIKE_S`].
     #[must_use]
     pub fn found(&self, usual: [f64; 3], alike: [f64; 3]) -> Option<Found> {
+        let mut fits = Vec::with_capacity(3);
+        for i in 0..3 {
+            fits.push(self.with_time(i)?);
+        }
+        let mut wander = [0.0; 3];
+        for (i, wander) in wander.iter_mut().enumerate() {
+            *wander = self.wander(i, &fits, usual[i])?;
+        }
         let mut motors = Vec::with_capacity(3);
-        for (i, usual) in usual.into_iter().enumerate() {
-            motors.push(self.of_motor(i, usual, alike[i])?);
+        for i in 0..3 {
+            // A torque at a later joint is felt here.
+            let moves = usual[i] > 0.0 || wander[i..].iter().any(|size| *size > 0.0);
+            let (changes, covariance) = if moves {
+                self.moving(&fits[i], usual[i] > 0.0 || wander[i] > 0.0)
+            } else {
+                let information = &self.information[i].fixed_view::<CHANGES, CHANGES>(0, 0);
+                let evidence = &self.evidence[i].fixed_rows::<CHANGES>(0);
+                average(&(information / alike[i]), &(evidence / alike[i]))?
+            };
+            motors.push(of_motor(changes, covariance, wander[i], usual[i]));
         }
         motors.try_into().ok().map(Found)
     }
@@ -249,53 +269,78 @@ impl Free {
         Some((force, odds / 2.0))
     }
 
-    fn of_motor(&self, i: usize, usual: f64, alike: f64) -> Option<OfMotor> {
-        let (information, evidence) = (&self.information[i], &self.evidence[i]);
-        let covariance = (information + with_time()).try_inverse()?;
+    /// All changes of motor `i`, with rate and curvature of its offset.
+    fn with_time(&self, i: usize) -> Option<WithTime> {
+        let evidence = &self.evidence[i];
+        let covariance = (self.information[i] + with_time()).try_inverse()?;
         let all = covariance * evidence;
-        let middle = self.times[0] / self.rows;
         // Rate and curvature in the middle of the log.
-        let to = SMatrix::<f64, 2, 2>::new(1.0, middle, 0.0, 1.0);
-        let moves = to * all.fixed_rows::<2>(CHANGES);
+        let to = SMatrix::<f64, 2, 2>::new(1.0, self.times[0] / self.rows, 0.0, 1.0);
         let spread = to * covariance.fixed_view::<2, 2>(CHANGES, CHANGES) * to.transpose();
-        let far = moves.dot(&(spread.try_inverse()? * moves));
         // Where the changes explain the minute badly, they explain its time badly too.
         let left = (self.squares[i] - all.dot(evidence)).max(0.0) / (self.told_s / ALIKE_S);
-        let wander = if far > WANDERS * left.max(LEAST_LEFT) {
-            let least = if usual > 0.0 { usual } else { SPREAD[0] };
-            moves.norm().max(least)
-        } else {
-            0.0
-        };
-        let (changes, mut covariance) = if wander.max(usual) > 0.0 {
-            let mut changes: Vector = all.fixed_rows::<CHANGES>(0).into_owned();
-            // The mean over the log.
-            changes[0] +=
-                all[CHANGES] * middle + all[CHANGES + 1] * self.times[1] / self.rows / 2.0;
-            let mut covariance: Matrix =
-                covariance.fixed_view::<CHANGES, CHANGES>(0, 0).into_owned();
-            for k in 0..CHANGES {
-                covariance[(0, k)] = 0.0;
-                covariance[(k, 0)] = 0.0;
-            }
-            (changes, covariance)
-        } else {
-            let information = information.fixed_view::<CHANGES, CHANGES>(0, 0) / alike;
-            let evidence = evidence.fixed_rows::<CHANGES>(0) / alike;
-            average(&information, &evidence)?
-        };
-        for k in 0..CHANGES {
-            let form = FORM * changes[k];
-            covariance[(k, k)] += form * form;
-        }
-        let drift = DRIFT.hypot(COLD * (-changes[FRICTION]).max(0.0));
-        covariance[(FRICTION, FRICTION)] += drift * drift;
-        Some(OfMotor {
-            changes: changes.into(),
-            covariance: covariance.into(),
-            wander,
-            usual,
+        let per_coulomb = self.coulomb[i];
+        Some(WithTime {
+            moves: to * all.fixed_rows::<2>(CHANGES) * per_coulomb,
+            spread: spread * (left.max(LEAST_LEFT) * per_coulomb * per_coulomb),
+            all,
+            covariance,
         })
+    }
+
+    /// Size of a torque at joint `i` that comes and goes, per Coulomb friction of its motor; 0:
+    /// none. `usual`: as in [`Self::found`]; `None` where numbers are not finite.
+    fn wander(&self, i: usize, fits: &[WithTime], usual: f64) -> Option<f64> {
+        let (mut moves, mut spread) = (SVector::<f64, 2>::zeros(), SMatrix::<f64, 2, 2>::zeros());
+        // The torque at a joint is that of its motor and what the later motors' cables add.
+        for (k, fit) in fits.iter().enumerate().skip(i) {
+            moves += fit.moves * COUPLING[k][i];
+            spread += fit.spread * COUPLING[k][i].powi(2);
+        }
+        if moves.dot(&(spread.try_inverse()? * moves)) <= WANDERS {
+            return Some(0.0);
+        }
+        let least = if usual > 0.0 { usual } else { SPREAD[0] };
+        Some((moves.norm() / self.coulomb[i]).max(least))
+    }
+
+    /// Changes where a torque comes and goes, with the offset's mean over the log. `own`: it is at
+    /// the motor's own joint, and the filter under load has the variance of the offset.
+    fn moving(&self, fit: &WithTime, own: bool) -> (Vector, Matrix) {
+        let mut to = SMatrix::<f64, CHANGES, WITH_TIME>::identity();
+        to[(0, CHANGES)] = self.times[0] / self.rows;
+        to[(0, CHANGES + 1)] = self.times[1] / self.rows / 2.0;
+        let mut covariance = to * fit.covariance * to.transpose();
+        if own {
+            covariance.fill_row(0, 0.0);
+            covariance.fill_column(0, 0.0);
+        }
+        (to * fit.all, covariance)
+    }
+}
+
+/// Changes of a motor with rate and curvature of its offset.
+struct WithTime {
+    all: Long,
+    covariance: Square,
+    /// Rate and curvature in the middle of the log, torque, and their covariance.
+    moves: SVector<f64, 2>,
+    spread: SMatrix<f64, 2, 2>,
+}
+
+/// Adds what no minute tells.
+fn of_motor(changes: Vector, mut covariance: Matrix, wander: f64, usual: f64) -> OfMotor {
+    for k in 0..CHANGES {
+        let form = FORM * changes[k];
+        covariance[(k, k)] += form * form;
+    }
+    let drift = DRIFT.hypot(COLD * (-changes[FRICTION]).max(0.0));
+    covariance[(FRICTION, FRICTION)] += drift * drift;
+    OfMotor {
+        changes: changes.into(),
+        covariance: covariance.into(),
+        wander,
+        usual,
     }
 }
 
@@ -308,10 +353,10 @@ struct OfMotor {
     changes: [f64; CHANGES],
     /// Column by column; symmetric.
     covariance: [[f64; CHANGES]; CHANGES],
-    /// Size of a torque that comes and goes, per Coulomb friction; 0: none.
+    /// Size of a torque at the joint that comes and goes, per Coulomb friction; 0: none.
     #[serde(default)]
     wander: f64,
-    /// The same in training.
+    /// The same at the motor, in training.
     #[serde(default)]
     usual: f64,
 }
@@ -413,11 +458,12 @@ impl Found {
         (row.dot(&Vector::from(*changes)), variance.max(0.0))
     }
 
-    /// Sizes of the torques that come and go, of motors with the friction `coulomb`; `None`: there
-    /// is none.
+    /// Sizes of the torques at the joints that come and go, of motors with the friction `coulomb`;
+    /// `None`: there is none.
     #[must_use]
     pub fn wander(&self, coulomb: [f64; 3]) -> Option<[f64; 3]> {
-        let sizes = core::array::from_fn(|i| self.0[i].wander.max(self.0[i].usual) * coulomb[i]);
+        let usual = wander::at_joints(core::array::from_fn(|i| self.0[i].usual * coulomb[i]));
+        let sizes = core::array::from_fn(|i| usual[i].max(self.0[i].wander * coulomb[i]));
         sizes.iter().any(|size: &f64| *size > 0.0).then_some(sizes)
     }
 
@@ -455,7 +501,7 @@ mod tests {
 
     const COULOMB: [f64; 3] = [1.4, 1.1, 18.0];
 
-    /// What a minute finds with these changes, and this much more at a time at the elbow.
+    /// What a minute finds with these changes, and this much more at a time at the elbow's joint.
     fn minute(made: [[f64; CHANGES]; 3], more: impl Fn(f64) -> f64) -> Found {
         let sums = free(made, more, 3);
         sums.found([0.0; 3], [1.0; 3]).expect("finite")
@@ -479,7 +525,7 @@ mod tests {
             let lacking = core::array::from_fn(|i| {
                 Vector::from(of[i]).dot(&Vector::from(made[i]))
                     + 0.005 * coulomb[i] * noise.normal()
-                    + if i == 1 { more(t) } else { 0.0 }
+                    + [-COUPLING[1][0], 1.0, 0.0][i] * more(t)
             });
             let variance = coulomb.map(|c| (0.005 * c).powi(2));
             sums.push(t, &of, lacking, variance, &Matrix3::zeros(), 0.02);
@@ -631,7 +677,7 @@ mod tests {
                 let t = f64::from(n) * 0.02;
                 let effects = [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]; 3];
                 let torque = 0.02 + drag * (t / wander::TIME_S).sin();
-                let lacking = [0.0, torque, 0.0];
+                let lacking = [-COUPLING[1][0] * torque, torque, 0.0];
                 sums.push(t, &effects, lacking, [2.5e-5; 3], &Matrix3::zeros(), 0.02);
             }
             sums.found([0.0, 0.03, 0.0], [1.0; 3]).expect("finite")

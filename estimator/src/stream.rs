@@ -34,7 +34,7 @@ impl Sure {
 }
 
 /// Half width of the 90 % interval of a normal distribution per its standard deviation.
-const NORMAL_90: f64 = 1.645;
+pub(crate) const NORMAL_90: f64 = 1.645;
 
 /// See the module's page.
 pub struct Stream<'a> {
@@ -111,8 +111,7 @@ impl<'a> Stream<'a> {
         let (Some(interval), Some(fit)) = (&self.estimator.interval, self.stepper.fit()) else {
             return sure;
         };
-        let axes = self.estimator.axes.iter();
-        let unsure_n = axes.map(|a| fit.unsure_n[*a].powi(2)).sum::<f64>().sqrt();
+        let unsure_n = fit.unsure_n(&self.estimator.axes);
         Sure {
             half_n: sure.half_n.map(|half_n| half_n.hypot(NORMAL_90 * unsure_n)),
             misfits: !interval.fits(&fit.misfit),

@@ -369,9 +369,9 @@ impl Model for Boosted {
         Box::new(self.with(self.physics.observer()))
     }
 
-    fn told_stepper(&self, sequence: &Sequence) -> Option<Box<dyn Stepper + '_>> {
-        let observer = self.correct.then(|| self.physics.told_observer(sequence));
-        Some(Box::new(self.with(observer??)))
+    fn told_stepper(&self, sequence: &Sequence) -> Option<(Box<dyn Stepper + '_>, usize)> {
+        let (observer, from) = self.correct.then(|| self.physics.told(sequence))??;
+        Some((Box::new(self.with(observer)), from))
     }
 }
 

@@ -631,31 +631,11 @@ impl Physics {
         &mut self,
         free: &[&Sequence],
     ) -> Result<([Change; 3], Option<[f64; 3]>), ModelError> {
-        let before = self.found.take();
-        let mut sums = Free::default();
-        for sequence in free {
-            let mut observer = self.observer();
-            for k in 0..sequence.rows() {
-                let (moment, seen) = observer.take(sequence.input_row(k));
-                if moment.settled() {
-                    let variance = seen.deviation.map(|sd| sd * sd);
-                    let time_s = sequence.start_s + k as f64 * sequence.step_s;
-                    sums.push(
-                        time_s,
-                        &seen.effects,
-                        seen.contact,
-                        variance,
-                        &seen.levers,
-                        sequence.step_s,
-                    );
-                }
-            }
-        }
+        let sums = self.free(free, false);
         let found = sums
             .found(self.usual_torques(), self.alike)
             .filter(|_| sums.told_s >= FREE_S);
         let Some(found) = found else {
-            self.found = before;
             return Err(ModelError::Data(format!(
                 "{:.0} s of this log tell the state of the friction, at least {FREE_S} s must: move all three joints back and forth for a minute, with nothing at the tool",
                 sums.told_s
@@ -663,7 +643,6 @@ impl Physics {
         };
         let changes: [Change; 3] = core::array::from_fn(|i| found.of_motor(i, self.coulomb[i]));
         if let Some(i) = changes.iter().position(|change| !change.is_of_a_robot()) {
-            self.found = before;
             return Err(ModelError::Data(format!(
                 "by this log friction of joint {} would have changed by {:+.0} % and its torque per command by {:+.0} %, more than a robot changes by itself. Check that \
                  nothing touched the tool, and sign, unit and order of efforts and velocities; a robot with other motors or amplifiers needs a training of its own",
@@ -674,6 +653,39 @@ impl Physics {
         }
         self.found = Some(found);
         Ok((changes, sums.force_n(self.alike)))
+    }
+
+    /// Sums of logs in which nothing is on the tool, or whose measured force is taken out.
+    fn free(&self, logs: &[&Sequence], measured: bool) -> Free {
+        let mut sums = Free::default();
+        for sequence in logs {
+            let mut observer = self.observer_with(None);
+            // The contact is filtered as the torque is, or the balance would mix two times.
+            let mut filters = [LowPass::new(FILTER_S, sequence.step_s); 3];
+            for k in 0..sequence.rows() {
+                let (moment, seen) = observer.take(sequence.input_row(k));
+                let mut lacking = seen.contact;
+                if measured {
+                    let contact = seen.levers * force_of(sequence.target_row(k));
+                    for (i, lacking) in lacking.iter_mut().enumerate() {
+                        *lacking -= filters[i].step(contact[i]);
+                    }
+                }
+                if moment.settled() {
+                    let variance = seen.deviation.map(|sd| sd * sd);
+                    let time_s = sequence.start_s + k as f64 * sequence.step_s;
+                    sums.push(
+                        time_s,
+                        &seen.effects,
+                        lacking,
+                        variance,
+                        &seen.levers,
+                        sequence.step_s,
+                    );
+                }
+            }
+        }
+        sums
     }
 
     /// The balance of each motor at each row that tells it, with the measured force; a force that
@@ -807,8 +819,9 @@ impl Model for Physics {
         Box::new(self.observer())
     }
 
-    fn told_stepper(&self, sequence: &Sequence) -> Option<Box<dyn Stepper + '_>> {
-        Some(Box::new(self.told_observer(sequence)?))
+    fn told_stepper(&self, sequence: &Sequence) -> Option<(Box<dyn Stepper + '_>, usize)> {
+        let (observer, from) = self.told(sequence)?;
+        Some((Box::new(observer), from))
     }
 }
 

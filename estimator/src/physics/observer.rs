@@ -1,20 +1,21 @@
 //! The physical model on a stream: what each balance lacks, and the force that explains it.
 
 use super::{
-    dot, friction, regressors, settle_rows, sums_of_pieces, Physics, EVERY, MEMORY_S, REGRESSORS,
+    dot, friction, regressors, settle_rows, sums_of_pieces, Physics, EVERY, FREE_S, MEMORY_S,
+    MINUTE_S, REGRESSORS, SETTLE_S,
 };
 use crate::misfit::{Misfit, TIMES};
 use crate::model::{Fit, Stepper};
 use crate::motion::{Moment, Motion, LONGEST_GAP_S};
 use crate::pieces::Told;
-use crate::recalibration::{effects, Effects, FRICTION as FRICTION_OF};
+use crate::recalibration::{effects, Effects, Found, FRICTION as FRICTION_OF};
 use crate::sequence::Sequence;
 use crate::wander::Wander;
 use nalgebra::{Matrix3, Vector3};
 
 impl Physics {
-    fn wander(&self) -> Option<Wander> {
-        let sizes = self.found.as_ref()?.wander(self.coulomb)?;
+    fn wander(&self, found: Option<&Found>) -> Option<Wander> {
+        let sizes = found?.wander(self.coulomb)?;
         let force = Matrix3::from_fn(|i, j| self.prior[i][j]).try_inverse()?;
         let noise = core::array::from_fn(|i| self.noise[i].deviation());
         Some(Wander::new(
@@ -59,9 +60,37 @@ impl Physics {
         })
     }
 
+    /// An observer that knows what has changed of the robot in this sequence, and the first row to
+    /// ask it. See [`told_stepper`](crate::model::Model::told_stepper).
+    #[must_use]
+    pub fn told(&self, sequence: &Sequence) -> Option<(Observer<'_>, usize)> {
+        match self.differs {
+            Some(_) => Some((self.told_observer(sequence)?, 0)),
+            None => self.recalibrated_observer(sequence),
+        }
+    }
+
+    /// An observer that was recalibrated on the first minute of this sequence, whose measured force
+    /// is taken out, and the first row after that. `None`: the sequence is too short.
+    #[must_use]
+    pub fn recalibrated_observer(&self, sequence: &Sequence) -> Option<(Observer<'_>, usize)> {
+        let minute = sequence.beginning(SETTLE_S + MINUTE_S);
+        let sums = self.free(&[&minute], true);
+        if minute.rows() == sequence.rows() || sums.told_s < FREE_S {
+            return None;
+        }
+        let found = sums.found(self.usual_torques(), self.alike)?;
+        Some((self.observer_with(Some(found)), minute.rows()))
+    }
+
     /// An observer.
     #[must_use]
     pub fn observer(&self) -> Observer<'_> {
+        self.observer_with(self.found.clone())
+    }
+
+    /// The same with what a recalibration has found.
+    pub(super) fn observer_with(&self, found: Option<Found>) -> Observer<'_> {
         Observer {
             model: self,
             motion: Motion::with_friction(self.step_s, self.coulomb),
@@ -73,7 +102,8 @@ impl Physics {
             seen: Seen::default(),
             told: None,
             misfit: self.misfit(),
-            wander: self.wander().map(Box::new),
+            wander: self.wander(found.as_ref()).map(Box::new),
+            found,
         }
     }
 }
@@ -114,6 +144,8 @@ pub struct Observer<'a> {
     misfit: Misfit,
     /// What a measured force has told of the changes of the robot.
     told: Option<Told>,
+    /// What a recalibration has found.
+    found: Option<Found>,
     /// Torques that come and go, where a recalibration has found one.
     wander: Option<Box<Wander>>,
 }
@@ -139,7 +171,7 @@ impl Observer<'_> {
             if let Some(differs) = &self.model.differs {
                 contact -= dot(&differs[i].mean, &self.seen.effects[i]);
             }
-            if let Some(found) = &self.model.found {
+            if let Some(found) = &self.found {
                 let (adds, more) = found.adds(i, &self.seen.effects[i]);
                 contact -= adds;
                 variance += more;
@@ -151,9 +183,7 @@ impl Observer<'_> {
             }
             self.seen.contact[i] = contact;
             self.seen.deviation[i] = variance.sqrt();
-            if let (Some(differs), None, None) =
-                (&self.model.differs, &self.model.found, &self.told)
-            {
+            if let (Some(differs), None, None) = (&self.model.differs, &self.found, &self.told) {
                 variance += differs[i].usual.variance(&self.seen.effects[i]);
             }
             let lever = levers.row(i).transpose();
