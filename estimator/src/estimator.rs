@@ -94,7 +94,7 @@ pub struct Estimator {
     /// Intervals, where they were calibrated.
     pub interval: Option<Interval>,
     /// Intervals of a model that knows what has changed of its robot: what is left beside
-    /// [`Fit::unsure_n`](crate::model::Fit::unsure_n).
+    /// what a recalibration has left unknown.
     pub told: Option<Interval>,
     /// Inputs without which it was trained, by their place in [`crate::motion::INPUT_NAMES`].
     pub absent: Vec<usize>,

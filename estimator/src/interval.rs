@@ -10,8 +10,8 @@
 //!
 //! After a recalibration an interval has two parts, whose squares add: what the recalibration has
 //! left unknown, and this. Then the factor is the quantile of what the first part does not explain
-//! of |error|, over held-out trials on whose first minute the model was recalibrated: slow errors of
-//! the balances are in both, and would count twice.
+//! of |error|, over held-out trials on whose first minute the model was recalibrated: slow errors
+//! of the balances are in both, and would count twice.
 //!
 //! Rows after a start or a gap have a scale and factors of their own, in which also stands how much
 //! of the friction's state is unknown. They are fitted to replays of the held-out trials with many
@@ -128,8 +128,8 @@ pub struct HeldOut<'a> {
     pub sequence: &'a Sequence,
     /// Estimates of a model that has not seen this trial: `rows * axes` values.
     pub predicted: Vec<f32>,
-    /// Standard deviation of each estimate by what a recalibration has left unknown, N; empty: there
-    /// was none.
+    /// Standard deviation of each estimate by what a recalibration has left unknown, N; empty:
+    /// there was none.
     pub unsure_n: Vec<f64>,
     /// First row that the estimates do not know.
     pub from: usize,

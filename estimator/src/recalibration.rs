@@ -213,7 +213,7 @@ impl Free {
         }
         let mut wander = [0.0; 3];
         for (i, wander) in wander.iter_mut().enumerate() {
-            *wander = self.wander(i, &fits, usual[i])?;
+            *wander = self.wander(i, &fits, usual[i]);
         }
         let mut motors = Vec::with_capacity(3);
         for i in 0..3 {
@@ -289,19 +289,23 @@ impl Free {
     }
 
     /// Size of a torque at joint `i` that comes and goes, per Coulomb friction of its motor; 0:
-    /// none. `usual`: as in [`Self::found`]; `None` where numbers are not finite.
-    fn wander(&self, i: usize, fits: &[WithTime], usual: f64) -> Option<f64> {
+    /// none. `usual`: as in [`Self::found`].
+    fn wander(&self, i: usize, fits: &[WithTime], usual: f64) -> f64 {
         let (mut moves, mut spread) = (SVector::<f64, 2>::zeros(), SMatrix::<f64, 2, 2>::zeros());
         // The torque at a joint is that of its motor and what the later motors' cables add.
         for (k, fit) in fits.iter().enumerate().skip(i) {
             moves += fit.moves * COUPLING[k][i];
             spread += fit.spread * COUPLING[k][i].powi(2);
         }
-        if moves.dot(&(spread.try_inverse()? * moves)) <= WANDERS {
-            return Some(0.0);
+        let far = spread
+            .try_inverse()
+            .map(|inverse| moves.dot(&(inverse * moves)));
+        // A motor whose effort is not logged has no friction, and tells nothing.
+        if self.coulomb[i] <= 0.0 || far.is_none_or(|far| far <= WANDERS) {
+            return 0.0;
         }
         let least = if usual > 0.0 { usual } else { SPREAD[0] };
-        Some((moves.norm() / self.coulomb[i]).max(least))
+        (moves.norm() / self.coulomb[i]).max(least)
     }
 
     /// Changes where a torque comes and goes, with the offset's mean over the log. `own`: it is at
@@ -667,6 +671,28 @@ mod tests {
             );
         }
         assert_eq!(minute(made, |_| 0.1).wander(COULOMB), None);
+    }
+
+    #[test]
+    fn a_motor_whose_effort_is_not_logged_tells_nothing_and_hinders_nothing() {
+        let mut sums = Free::default();
+        for n in 0..3_000 {
+            let t = f64::from(n) * 0.02;
+            let torque = 0.1 * (t / wander::TIME_S).sin();
+            let effects = [
+                [0.0; CHANGES],
+                [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                [0.0; CHANGES],
+            ];
+            let lacking = [0.0, torque, 0.0];
+            sums.push(t, &effects, lacking, [2.5e-5; 3], &Matrix3::zeros(), 0.02);
+        }
+        let found = sums.found([0.0; 3], [1.0; 3]).expect("finite");
+        let sizes = found.wander([0.0, 1.0, 0.0]).expect("it comes and goes");
+        assert!(
+            sizes[0] == 0.0 && sizes[1] > 0.05 && sizes[2] == 0.0,
+            "{sizes:?}"
+        );
     }
 
     #[test]
