@@ -30,7 +30,7 @@ pub const EMBEDDED: &str = "Embedded rig";
 const DEFAULT_SEED: u64 = 1;
 
 /// A rig that exists, and how it is reached: options of the commands that never start an emulation.
-#[derive(Debug, Args)]
+#[derive(Debug, Args, Default)]
 #[command(next_help_heading = "Connection")]
 pub struct Existing {
     /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps,
@@ -503,6 +503,31 @@ impl Existing {
 }
 
 impl Connection {
+    /// That of an experiment with a robot that is not virtual: with the experiment's rig file, and
+    /// an emulated rig of its own in real time.
+    #[cfg(feature = "record")]
+    pub fn of_experiment(
+        experiment: &experiment::Experiment,
+        rig: &Rig,
+        link: Option<LinkChoice>,
+        direct: bool,
+    ) -> Self {
+        let choice = link.as_ref().unwrap_or(&rig.link);
+        let own = matches!(choice, LinkChoice::Embedded | LinkChoice::Fast);
+        Self {
+            at: Existing {
+                link,
+                rig: experiment.rig.clone(),
+                direct,
+                ..Existing::default()
+            },
+            new: New {
+                paced: own,
+                ..New::default()
+            },
+        }
+    }
+
     /// As [`Existing::require_unchanged`].
     pub fn require_unchanged(&self, context: &Context) -> Result<()> {
         self.at.require_with(&self.new, context)

@@ -1,20 +1,21 @@
 //! `forcectl experiment`: trials with a moving robot and a known force, and the dataset that comes
 //! out.
 
+use super::connection::Connection;
 use super::exit::{self, Failure, Reply, Result};
 use super::output::{path_json, Output};
-use super::{tested, values, Context};
+use super::{values, Context};
 use clap::{Args, Subcommand};
 use experiment::{
     self, paths, plan, report, Attempt, Experiment, ExperimentError, Folder, Options, Shard,
     Status, Summary, Watcher, THESIS,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use known::base;
-use known::ZeroStore;
 use rig::{LinkChoice, Rig};
-use run::{Phase, Zeroing};
+use robot::source::SourceConfig;
+use run::Phase;
 use serde_json::json;
+use std::cell::{Cell, RefCell};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -78,9 +79,13 @@ struct Run {
     /// repeated
     #[arg(long)]
     resume: bool,
-    /// Link where the robot is not virtual; otherwise that of the rig file
+    /// Connection to the rig where the robot is not virtual: usb, serial:PORT, or rig:NAME
+    /// [default: the rig file's]
     #[arg(long, value_name = "LINK", value_parser = values::link)]
     link: Option<LinkChoice>,
+    /// Open the port in this process instead of through a service; others can't watch or stop then
+    #[arg(long)]
+    direct: bool,
     /// Write data card, report and pictures to this folder as well, without any data
     #[arg(long, value_name = "DIR")]
     report_into: Option<PathBuf>,
@@ -115,7 +120,7 @@ impl From<ExperimentError> for Failure {
             }
             ExperimentError::Rig(_) => exit::RIG_FILE,
             ExperimentError::Table(_) | ExperimentError::Record(_) => exit::FILE,
-            ExperimentError::Link(_) => exit::LINK,
+            ExperimentError::Link(_) | ExperimentError::Unreachable(_) => exit::LINK,
         };
         Self::new(code, error)
     }
@@ -143,26 +148,43 @@ impl Run {
             experiment
         };
         let rig = experiment.load_rig().map_err(ExperimentError::from)?;
-        let link = self.link.clone().unwrap_or_else(|| rig.link.clone());
-        // A trial on an emulated rig has a seed of its own: another rig, of which nothing is
-        // stored.
-        let emulated = matches!(link, LinkChoice::Embedded | LinkChoice::Fast);
-        let (rig, board) = if emulated {
-            (rig, None)
-        } else {
-            let board = tested::require(&rig, None, None, context)?;
-            (base::with_calibration(rig, None)?, board)
+        // A trial with a virtual robot has a rig of its own, of which nothing is stored.
+        let connection = match experiment.robot {
+            SourceConfig::Virtual(_) => None,
+            _ => Some(Connection::of_experiment(
+                &experiment,
+                &rig,
+                self.link.clone(),
+                self.direct,
+            )),
         };
-        if let Some(words) = base::words(&rig) {
-            context.output.note(&words);
-        }
+        let rig = match &connection {
+            Some(connection) => {
+                let rig = connection.load(context)?;
+                connection.require_rig_file(&rig)?;
+                connection.require_unchanged(context)?;
+                connection.calibrated(rig, context)?
+            }
+            None => rig,
+        };
         let _controlled_stop = context.interrupt.controlled_stop();
+        let (failure, count) = (RefCell::new(None), Cell::new(0));
+        let open = || {
+            let connection = connection.as_ref();
+            let missing = || ExperimentError::Unreachable("no rig is named".into());
+            let connection = connection.ok_or_else(missing)?;
+            let link = connection.open_again(&rig, count.replace(count.get() + 1), context);
+            let link = link.map_err(|why| {
+                let error = ExperimentError::Unreachable(why.message.clone());
+                *failure.borrow_mut() = Some(why);
+                error
+            })?;
+            Ok((link, connection.zeroing()))
+        };
         let options = Options {
             shard: self.trial,
             resume: self.resume,
-            zeroing: zeroing(&link, &rig),
-            link,
-            board,
+            open: Some(&open),
             stop: context.interrupt.flag(),
         };
         let mut progress = Progress::new(
@@ -170,10 +192,19 @@ impl Run {
             experiment.trial_s(),
             self.trial.trials(experiment.trials).len(),
         );
-        let summary = experiment::run(&experiment, &rig, &self.out, &options, &mut progress)?;
+        let summary = experiment::run(&experiment, &rig, &self.out, &options, &mut progress);
+        let summary = match failure.take() {
+            Some(why) => return Err(why),
+            None => summary?,
+        };
         progress.done();
         let mut text = table(&summary, &experiment);
-        let code = if summary.interrupted {
+        if let Some(who) = &summary.stopped {
+            row!(text, "ended               {who}");
+        }
+        let code = if summary.stopped.is_some() {
+            exit::BOARD
+        } else if summary.interrupted {
             exit::INTERRUPTED
         } else if summary.good.len() < summary.trials.len() {
             exit::DEGRADED
@@ -196,15 +227,6 @@ impl Run {
             );
         }
         Ok(Reply::new(text, json!(summary)).with_code(code))
-    }
-}
-
-/// Zeros of a rig that boots with the command are measured, those of a rig that stays powered are
-/// kept.
-fn zeroing(link: &LinkChoice, rig: &Rig) -> Zeroing {
-    match link {
-        LinkChoice::Embedded | LinkChoice::Fast => Zeroing::Measure,
-        _ => Zeroing::Keep(ZeroStore::of_rig(&rig.name)),
     }
 }
 

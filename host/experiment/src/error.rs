@@ -28,4 +28,7 @@ pub enum ExperimentError {
     /// The link can't be opened.
     #[error(transparent)]
     Link(#[from] session::link::LinkError),
+    /// The rig can't be reached; why, in words.
+    #[error("{0}")]
+    Unreachable(String),
 }

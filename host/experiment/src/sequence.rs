@@ -8,10 +8,10 @@ use super::folder::{Attempt, AttemptFolder, Folder, Status};
 use super::lock::TrialLock;
 use super::plan::{self, derive, Trial};
 use super::trial::{run_trial, Ending, Setup, Shown, Watcher};
-use rig::{LinkChoice, Rig};
+use rig::Rig;
 use robot::source::SourceConfig;
 use run::Zeroing;
-use session::link::{fast::FastRig, of_board::OfBoard, EmbeddedOptions, RigLink};
+use session::link::{fast::FastRig, RigLink};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -58,34 +58,21 @@ impl std::str::FromStr for Shard {
     }
 }
 
+/// Opens the link to a rig that is there, for a robot that is not virtual: the link, and where the
+/// zeros come from.
+pub type Open<'a> = dyn Fn() -> Result<(Box<dyn RigLink>, Zeroing), ExperimentError> + 'a;
+
 /// How the trials are run.
-#[derive(Debug, Clone)]
-pub struct Options {
+#[derive(Clone, Default)]
+pub struct Options<'a> {
     /// Which trials.
     pub shard: Shard,
     /// Go on where an earlier run has left trials.
     pub resume: bool,
-    /// Link for a robot that is not virtual.
-    pub link: LinkChoice,
-    /// Number of the board that this link has to lead to; `None`: any.
-    pub board: Option<String>,
-    /// Where the zeros come from.
-    pub zeroing: Zeroing,
+    /// The rig for a robot that is not virtual, opened for each attempt.
+    pub open: Option<&'a Open<'a>>,
     /// Set from outside to end.
     pub stop: Arc<AtomicBool>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            shard: Shard::default(),
-            resume: false,
-            link: LinkChoice::Fast,
-            board: None,
-            zeroing: Zeroing::Measure,
-            stop: Arc::default(),
-        }
-    }
 }
 
 /// What was done.
@@ -101,6 +88,9 @@ pub struct Summary {
     pub left: Vec<usize>,
     /// Whether the user ended it.
     pub interrupted: bool,
+    /// Who stopped the rig from elsewhere, in words: that ends an experiment, as a person wants it
+    /// to stand still.
+    pub stopped: Option<String>,
 }
 
 /// Runs the trials of a shard into a folder.
@@ -111,7 +101,7 @@ pub fn run(
     experiment: &Experiment,
     rig: &Rig,
     root: &Path,
-    options: &Options,
+    options: &Options<'_>,
     watcher: &mut dyn Watcher,
 ) -> Result<Summary, ExperimentError> {
     run_tampered(experiment, rig, root, options, watcher, &mut |_, _| None)
@@ -122,7 +112,7 @@ pub(crate) fn run_tampered(
     experiment: &Experiment,
     rig: &Rig,
     root: &Path,
-    options: &Options,
+    options: &Options<'_>,
     watcher: &mut dyn Watcher,
     tamper: &mut dyn FnMut(usize, u32) -> Option<Tamper>,
 ) -> Result<Summary, ExperimentError> {
@@ -158,6 +148,7 @@ pub(crate) fn run_tampered(
         attempts: Vec::new(),
         left: Vec::new(),
         interrupted: false,
+        stopped: None,
     };
     for number in trials {
         let mut sequence = Sequence {
@@ -169,7 +160,7 @@ pub(crate) fn run_tampered(
         };
         let earlier = before.remove(&number).unwrap_or_default();
         sequence.trial(number, &earlier, &mut summary, tamper)?;
-        if summary.interrupted {
+        if summary.interrupted || summary.stopped.is_some() {
             break;
         }
     }
@@ -184,7 +175,7 @@ struct Sequence<'a> {
     experiment: &'a Experiment,
     rig: &'a Rig,
     folder: &'a Folder,
-    options: &'a Options,
+    options: &'a Options<'a>,
     watcher: &'a mut dyn Watcher,
 }
 
@@ -210,9 +201,13 @@ impl Sequence<'_> {
             }
             let folder = self.folder.attempt(number, attempt);
             folder.begin()?;
-            let done = self.attempt(&trial, &folder, tamper(number, attempt))?;
+            let (done, by_other) = self.attempt(&trial, &folder, tamper(number, attempt))?;
             let (status, reason) = (done.status, done.reason.clone().unwrap_or_default());
             summary.attempts.push(done);
+            if by_other {
+                summary.stopped = Some(reason);
+                return Ok(());
+            }
             match status {
                 Status::Good => {
                     summary.good.push(number);
@@ -235,7 +230,7 @@ impl Sequence<'_> {
         trial: &Trial,
         folder: &AttemptFolder,
         tamper: Option<Tamper>,
-    ) -> Result<Attempt, ExperimentError> {
+    ) -> Result<(Attempt, bool), ExperimentError> {
         let started_utc = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
         let began = Instant::now();
         let chips = derive(
@@ -243,13 +238,13 @@ impl Sequence<'_> {
             "chips",
             (trial.number as u64) << 8 | u64::from(folder.attempt),
         );
-        let mut link = self.open(trial, chips)?;
+        let (mut link, zeroing) = self.open(trial, chips)?;
         let setup = Setup {
             experiment: self.experiment,
             rig: self.rig,
             trial,
             folder,
-            zeroing: &self.options.zeroing,
+            zeroing: &zeroing,
             stop: Arc::clone(&self.options.stop),
         };
         let name = link.name();
@@ -264,12 +259,14 @@ impl Sequence<'_> {
             seeds.insert("trajectory".to_owned(), seed);
         }
         let attempt = self.conclude(&shown, trial, folder, started_utc);
-        folder.conclude(Attempt {
+        let by_other = matches!(shown.ending, Ending::ByOther(_));
+        let attempt = folder.conclude(Attempt {
             wall_s: began.elapsed().as_secs_f64(),
             seeds,
             link: name,
             ..attempt
-        })
+        })?;
+        Ok((attempt, by_other))
     }
 
     fn conclude(
@@ -289,6 +286,7 @@ impl Sequence<'_> {
                 Status::BrokenOff,
                 Some("ended by the user; the rig was ramped down and disarmed".to_owned()),
             ),
+            Ending::ByOther(who) => (Status::BrokenOff, Some(who.clone())),
             Ending::Stopped(why) => (Status::Stopped, Some(why.clone())),
             Ending::Complete if missed.is_empty() => (Status::Good, None),
             Ending::Complete => (Status::OutsideGates, Some(missed.join("; "))),
@@ -321,19 +319,18 @@ impl Sequence<'_> {
         }
     }
 
-    /// A virtual robot has its own rig for each attempt, at power-on; any other uses the link that
-    /// is there.
-    fn open(&self, trial: &Trial, chips: u64) -> Result<Box<dyn RigLink>, ExperimentError> {
+    /// A virtual robot has its own rig for each attempt, at power-on, which measures its zeros; any
+    /// other uses the rig that is there.
+    fn open(
+        &self,
+        trial: &Trial,
+        chips: u64,
+    ) -> Result<(Box<dyn RigLink>, Zeroing), ExperimentError> {
         let SourceConfig::Virtual(config) = &self.experiment.robot else {
-            let options = EmbeddedOptions {
-                paced: true,
-                ..EmbeddedOptions::default()
-            };
-            let link = session::link::open(&self.options.link, &options)?;
-            return Ok(match &self.options.board {
-                Some(number) => Box::new(OfBoard::new(link, number.clone())),
-                None => link,
-            });
+            let open = self.options.open.ok_or_else(|| {
+                ExperimentError::Unreachable("the robot is not virtual, and no rig is named".into())
+            })?;
+            return open();
         };
         let start = (trial.trajectory.as_ref()).map_or(config.arm.start, |t| t.at(0.0).position);
         let seed = config.seed.unwrap_or(self.experiment.seed);
@@ -349,6 +346,6 @@ impl Sequence<'_> {
             loose: self.rig.units.map(|unit| !unit.enabled),
             ..core_sim::Options::default()
         })?;
-        Ok(Box::new(rig))
+        Ok((Box::new(rig), Zeroing::Measure))
     }
 }

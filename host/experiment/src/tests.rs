@@ -6,6 +6,7 @@ use super::sequence::run_tampered;
 use super::table::Table;
 use super::*;
 use rig::Rig;
+use robot::source::{SourceConfig, StaticConfig};
 use std::path::Path;
 
 /// Seconds of a trial of these tests.
@@ -537,4 +538,52 @@ fn a_force_of_three_axes_is_applied_with_all_units() {
         assert!(force.iter().any(|f| f.abs() > 0.5), "{axis}");
     }
     assert!(rows.column("tension_1_n").unwrap().iter().all(|t| *t > 1.0));
+}
+
+/// A rig that a person has stopped stays stopped: no further attempt, no further trial.
+#[test]
+fn a_stop_ends_the_experiment() {
+    let folder = tempfile::tempdir().unwrap();
+    let experiment = Experiment {
+        trials: 2,
+        robot: SourceConfig::Static(StaticConfig {
+            position_m: [0.0, 0.0, 0.0],
+        }),
+        ..short(4.0)
+    };
+    let rig = Rig::built_in().unwrap();
+    let opened = std::cell::Cell::new(0);
+    let open = || {
+        opened.set(opened.get() + 1);
+        let mut link: Box<dyn session::link::RigLink> = Box::new(
+            session::link::fast::FastRig::with(core_sim::Options::default())?,
+        );
+        let mut session = session::Session::connect(link.as_mut()).unwrap();
+        session.command(&wire::Command::Stop).unwrap();
+        Ok((link, run::Zeroing::Measure))
+    };
+    let options = Options {
+        open: Some(&open),
+        ..Options::default()
+    };
+    let root = folder.path();
+    let summary = crate::run(&experiment, &rig, root, &options, &mut NoopWatcher).unwrap();
+    assert_eq!(opened.get(), 1, "{summary:?}");
+    assert_eq!(summary.attempts.len(), 1);
+    assert_eq!(summary.attempts[0].status, Status::BrokenOff);
+    let said = summary.stopped.clone().unwrap();
+    assert!(
+        said.contains("fault 3") && said.contains("forcectl clear"),
+        "{said}"
+    );
+    assert_eq!((summary.left, summary.interrupted), (vec![1, 2], false));
+    // Without a rig to open nothing is driven.
+    let refused = crate::run(
+        &experiment,
+        &rig,
+        &root.join("b"),
+        &Options::default(),
+        &mut NoopWatcher,
+    );
+    assert!(refused.unwrap_err().to_string().contains("no rig is named"));
 }

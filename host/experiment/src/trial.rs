@@ -33,7 +33,7 @@ use robot::arm::Truth as ArmTruth;
 use robot::source::{Poll, SourceConfig, SourceError};
 use robot::state::RobotState;
 use rows::RowRate;
-use run::{Observer, Phase, RunError, Zeroing};
+use run::{Fault, Observer, Phase, RunError, Zeroing};
 use session::link::RigLink;
 use session::Received;
 use std::collections::VecDeque;
@@ -67,6 +67,8 @@ pub enum Ending {
     Complete,
     /// Something ended it early.
     Stopped(String),
+    /// Somebody stopped the rig from elsewhere: by whom.
+    ByOther(String),
     /// The user ended it.
     Interrupted,
 }
@@ -169,6 +171,7 @@ pub fn run_trial(
     match run.drive(link, tamper) {
         Ok(()) => {}
         Err(End::Interrupted) => run.shown.ending = Ending::Interrupted,
+        Err(End::ByOther(who)) => run.shown.ending = Ending::ByOther(who),
         Err(End::Stopped(why)) => run.shown.ending = Ending::Stopped(why),
     }
     run.finish()
@@ -177,6 +180,7 @@ pub fn run_trial(
 /// Why the loop ended early.
 enum End {
     Interrupted,
+    ByOther(String),
     Stopped(String),
 }
 
@@ -184,8 +188,19 @@ impl<E: Into<RunError>> From<E> for End {
     fn from(error: E) -> Self {
         match error.into() {
             RunError::Interrupted => Self::Interrupted,
+            RunError::Fault(fault) if is_stop(&fault) => Self::ByOther(fault.to_string()),
             error => Self::Stopped(error.to_string()),
         }
+    }
+}
+
+/// Whether a fault is a person's stop, of now or from before.
+fn is_stop(fault: &Fault) -> bool {
+    let stop = control::Fault::HostStop.code();
+    match fault {
+        Fault::Stopped { .. } => true,
+        Fault::Latched(fault) | Fault::LatchedBefore(fault) => fault.code == stop,
+        _ => false,
     }
 }
 

@@ -70,6 +70,10 @@ impl Run<'_> {
             Ok(()) => self.hold(&mut session, &mut feed, &prepared, &mut path),
             Err(error) => Err(robot_gone(&error)),
         };
+        let ended = ended.map_err(|end| match (end, session.link().stopped_by()) {
+            (End::ByOther(fault), Some(who)) => End::ByOther(format!("stopped by {who}: {fault}")),
+            (end, _) => end,
+        });
         path.end(&mut session);
         self.log.progress(Phase::Disarm, 0.0);
         let disarmed = ramp_down_and_disarm(&mut session, &prepared.available);
@@ -79,7 +83,7 @@ impl Run<'_> {
         }
         let ended = ended.and_then(|()| disarmed.map_err(|error| End::Stopped(error.to_string())));
         let state = match (&ended, self.shown.disarmed) {
-            (Err(End::Stopped(_)), _) | (_, false) => Operating::Fault,
+            (Err(End::Stopped(_) | End::ByOther(_)), _) | (_, false) => Operating::Fault,
             _ => Operating::Disabled,
         };
         // Where the robot's side is gone, nobody is left to be told.
