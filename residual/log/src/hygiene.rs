@@ -16,7 +16,7 @@ use residual_columns::error::Error;
 use residual_columns::format::num;
 use residual_columns::frame::Frame;
 use residual_columns::stats;
-use residual_columns::units::radians;
+use residual_columns::units::{factor, radians};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -42,6 +42,9 @@ pub const UNLIKE_LOG: &str = "unlike log";
 
 /// Name of the check that the rows are stamped in bunches.
 pub const BUNCHED: &str = "stamps in bunches";
+
+/// Name of the check that the target stops at the end of its range.
+pub const CLIPPING: &str = "clipping";
 
 /// Name of the check that the target is logged more often than it is measured.
 pub const HELD: &str = "held target";
@@ -88,15 +91,19 @@ pub fn inspect(
     let clipped = values::clipped(&measured, frame);
     if let Some(&first) = clipped.first() {
         let what = format!("target stuck at {}, the end of its range", num(y[first]));
-        found("clipping", &clipped, spec.clipping, &what, frame);
+        found(CLIPPING, &clipped, spec.clipping, &what, frame);
     }
 
     let mut values_per_s = None;
     let repeated = repeats(frame);
-    if repeated.len() * 100 > frame.len() {
+    let held = values::held(&measured, frame);
+    // Rows at rest repeat all that they have; where most that repeat the target do not, it is the
+    // target alone that is held.
+    let of_rows = |h: &values::Held| repeated.len() * 2 > h.rows.len();
+    if repeated.len() * 100 > frame.len() && held.as_ref().is_none_or(of_rows) {
         let what = "rows that repeat every value of the row before";
         found("repeat", &repeated, spec.repeats, what, frame);
-    } else if let Some(held) = values::held(&measured, frame) {
+    } else if let Some(held) = held {
         let [least, most] = held.lengths;
         let rows = if least == most {
             format!("{least}")
@@ -203,15 +210,10 @@ fn place(row: usize, frame: &Frame, files: &[PathBuf]) -> String {
 const STEP: f64 = 0.25;
 const JUMP: f64 = 0.75;
 
-/// Notes an angle that begins again after each turn where its slope is the velocity, or makes it go
-/// on. Where the velocity has a column of its own nothing depends on that slope.
+/// Notes an angle that begins again after each turn, or makes it go on. Where the velocity has a
+/// column of its own, a spring and ripples that are no whole number a turn need it.
 fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Findings) {
-    let Some(angle) = spec
-        .roles
-        .angle
-        .as_ref()
-        .filter(|_| spec.roles.velocity.is_none())
-    else {
+    let Some(angle) = &spec.roles.angle else {
         return;
     };
     let (Some(radians), Some(x)) = (radians(&angle.unit), frame.column("angle")) else {
@@ -238,6 +240,9 @@ fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Fi
     let fix = spec.hygiene.wraps == Action::Fix;
     let what = if fix {
         "places where the angle begins again after a turn: it was made to go on"
+    } else if spec.roles.velocity.is_some() {
+        "places where the angle begins again after a turn: springs, gaps and ripples that are no whole number a turn are not seen. \
+         Set hygiene.wraps = \"fix\" to make the angle go on"
     } else {
         "places where the angle begins again after a turn. The velocity is its slope and jumps there: set hygiene.wraps = \"fix\" to \
          make the angle go on, or name a column in roles.velocity"
@@ -384,6 +389,7 @@ pub fn relations(
     log: &mut Findings,
 ) {
     speed_against_angle(frame, roles, files, log);
+    other_unit(frame, roles, files, log);
     made_of_speed(frame, log);
     alike(frame, roles, log);
     repeated_motion(frame, fold, log);
@@ -489,9 +495,14 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mu
     let (Some(angle), Some(velocity)) = (&roles.angle, &roles.velocity) else {
         return;
     };
-    if velocity.unit != format!("{}/s", angle.unit) {
+    // The slope of the angle in the unit of the speed.
+    let per_second = format!("{}/s", angle.unit);
+    let Some(scale) = (velocity.unit == per_second)
+        .then_some(1.0)
+        .or_else(|| factor(&per_second, &velocity.unit).ok())
+    else {
         return;
-    }
+    };
     let (Some(x), Some(v)) = (frame.column("angle"), frame.column("velocity")) else {
         return;
     };
@@ -505,7 +516,7 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mu
         .collect();
     let wrong: Vec<(usize, Slope, f64)> = of_file
         .iter()
-        .filter_map(|(file, slope)| Some((*file, *slope, slope.ratio(0.9)?)))
+        .filter_map(|(file, slope)| Some((*file, *slope, scale * slope.ratio(0.9)?)))
         .filter(|(.., ratio)| (ratio - 1.0).abs() > SPEED_ERROR)
         .collect();
     if wrong.is_empty() {
@@ -545,6 +556,101 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mu
             "the slope of the angle is {ratio} times the velocity column{which}: the time stamps, a unit or a scale is wrong, and every \
              mass, damping and delay with it"
         ),
+    );
+}
+
+/// Name of the check that a column of one file may have another unit than in the others.
+pub const OTHER_UNIT: &str = "unit of a file";
+
+/// Factors between units of one quantity that are mistaken for each other: degrees in a radian,
+/// turns and seconds in minutes, newtons in a kilogram and a pound, thousandths.
+const MISTAKEN: [f64; 8] = [
+    1000.0,
+    1e6,
+    360.0 / TAU,
+    TAU,
+    360.0,
+    60.0,
+    9.806_65,
+    4.448_222,
+];
+
+/// Difference of a factor between files, whose motions differ, from one of units, as a logarithm.
+const ABOUT: f64 = 0.3;
+
+/// Smallest factor that is told: by less the motions of two logs differ often.
+const LEAST_FACTOR: f64 = 20.0;
+
+/// Files that have a spread of about one size, the others' median, from which a file may be held
+/// against them; and the ratio up to which they count as that.
+const FEWEST_OTHERS: usize = 2;
+const OF_ONE_SIZE: f64 = 3.0;
+
+/// Notes a column that is smaller or larger in one file than in all others by the factor between
+/// two units.
+fn other_unit(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mut Findings) {
+    let of_file = by_file(frame);
+    if of_file.len() <= FEWEST_OTHERS {
+        return;
+    }
+    let (mut seen, mut rows): (Vec<String>, BTreeMap<usize, usize>) = Default::default();
+    let measured = roles.all().into_iter();
+    for (name, column) in measured.filter(|(n, _)| n != "time" && !roles.groups.contains_key(n)) {
+        let Some(x) = frame.column(&name) else {
+            continue;
+        };
+        let spread = |parts: &Vec<Range<usize>>| {
+            let mut own: Vec<f64> = parts.iter().flat_map(|r| x[r.clone()].to_vec()).collect();
+            own.retain(|v| v.is_finite());
+            own.sort_by(f64::total_cmp);
+            stats::quantile_sorted(&own, 0.95) - stats::quantile_sorted(&own, 0.05)
+        };
+        let spreads: Vec<(usize, f64)> = of_file
+            .iter()
+            .map(|(file, parts)| (*file, spread(parts)))
+            .collect();
+        for (file, own) in &spreads {
+            let mut others: Vec<f64> = spreads
+                .iter()
+                .filter(|(f, _)| f != file)
+                .map(|(_, s)| *s)
+                .collect();
+            others.sort_by(f64::total_cmp);
+            let usual = stats::quantile_sorted(&others, 0.5);
+            let alike = |s: &f64| *s > usual / OF_ONE_SIZE && *s < usual * OF_ONE_SIZE;
+            if !others.iter().all(alike) {
+                continue;
+            }
+            let ratio = own / usual;
+            let larger = ratio.max(1.0 / ratio);
+            let off = |f: &f64| (larger / f).ln().abs();
+            let near = MISTAKEN.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+            let is_factor = |f: &&f64| off(f) < ABOUT && larger >= LEAST_FACTOR;
+            let Some(units) = near.filter(is_factor) else {
+                continue;
+            };
+            let name_of_file = files.get(*file).and_then(|f| f.file_name());
+            let place = name_of_file.map_or(String::new(), |n| n.to_string_lossy().into_owned());
+            rows.insert(*file, of_file[file].iter().map(Range::len).sum());
+            let which = if ratio > 1.0 { "larger" } else { "smaller" };
+            seen.push(format!(
+                "in {place} column `{}` spreads over {} {}, in the other files over {}: {} times {which}, about the {} between two units",
+                column.column,
+                num(*own),
+                column.unit,
+                num(usual),
+                num(larger),
+                num(*units)
+            ));
+        }
+    }
+    let what = "convert what has another unit there, or leave the file out";
+    seen.truncate(NAMED);
+    log.count(
+        OTHER_UNIT,
+        rows.values().sum(),
+        "files named here",
+        &format!("{}; {what}", seen.join("; ")),
     );
 }
 
@@ -630,8 +736,10 @@ fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Findings) {
         let n = a.len().min(b.len());
         let longer = a.len().max(b.len());
         10 * n >= 9 * longer
-            && correlation(&motion[a.start..a.start + n], &motion[b.start..b.start + n])
-                > SAME_MOTION
+            && correlation(
+                &without_line(&motion[a.start..a.start + n]),
+                &without_line(&motion[b.start..b.start + n]),
+            ) > SAME_MOTION
     };
     let repeats = runs
         .iter()
@@ -796,8 +904,25 @@ fn at_times(
 
 /// Whether two stretches of equal length are one motion, of one size.
 fn same_stretch(a: &[f64], b: &[f64]) -> bool {
+    let (a, b) = (&without_line(a), &without_line(b));
     let size = stats::deviation(b) / stats::deviation(a);
     (size - 1.0).abs() < SAME_SIZE && correlation(a, b) > SAME_STRETCH
+}
+
+/// Values without the straight line through them: two screws that turn on are alike in that alone.
+fn without_line(x: &[f64]) -> Vec<f64> {
+    let middle = 0.5 * (x.len() as f64 - 1.0);
+    let at = |i: usize| i as f64 - middle;
+    let mean = stats::mean(x);
+    let squares: f64 = (0..x.len()).map(|i| at(i).powi(2)).sum();
+    let products: f64 = x.iter().enumerate().map(|(i, v)| at(i) * (v - mean)).sum();
+    let slope = if squares > 0.0 {
+        products / squares
+    } else {
+        0.0
+    };
+    let rest = x.iter().enumerate().map(|(i, v)| v - mean - slope * at(i));
+    rest.collect()
 }
 
 /// Correlation of two lists of equal length; 0 if one is constant.

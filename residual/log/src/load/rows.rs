@@ -180,6 +180,12 @@ impl<'a> Rows<'a> {
             }
         }
         self.missing.extend((missing.rows > 0).then_some(missing));
+        // A logger may put the newest row first.
+        let backwards = stamps::is_backwards(&times);
+        if backwards {
+            usable.reverse();
+            times.reverse();
+        }
         let stamps = stamps::read(&times);
         let mut left_out: Vec<usize> = [&stamps.repeated[..], &stamps.early[..]].concat();
         left_out.sort_unstable();
@@ -234,6 +240,12 @@ impl<'a> Rows<'a> {
             stamps.early.len(),
             label,
             "rows whose time is before that of a row above were left out",
+        );
+        findings.count(
+            "newest first",
+            if backwards { times.len() } else { 0 },
+            label,
+            "rows stand in the file with the newest first: they were read from its end",
         );
         findings.count(
             "clock set back",

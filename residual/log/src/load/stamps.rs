@@ -26,6 +26,15 @@ pub(super) struct Stamps {
     pub even: usize,
 }
 
+/// Share of the steps that fall in a log whose newest row is the first.
+const BACKWARDS: f64 = 0.99;
+
+/// Whether the time falls from row to row: the newest row is the first.
+pub(super) fn is_backwards(stamps: &[f64]) -> bool {
+    let falls = stamps.windows(2).filter(|w| w[1] < w[0]).count() as f64;
+    stamps.len() >= FEWEST && falls >= BACKWARDS * (stamps.len() - 1) as f64
+}
+
 /// Reads finite stamps, in s.
 pub(super) fn read(stamps: &[f64]) -> Stamps {
     let falls = falls(stamps);
@@ -128,6 +137,17 @@ mod tests {
         stamps.sort_by(f64::total_cmp);
         let read = read(&stamps);
         assert_eq!((read.even, read.repeated.len()), (0, 41));
+    }
+
+    #[test]
+    fn a_log_may_have_its_newest_row_first() {
+        let grows: Vec<f64> = (0..40).map(f64::from).collect();
+        let falls: Vec<f64> = grows.iter().rev().copied().collect();
+        assert!(is_backwards(&falls) && !is_backwards(&grows));
+        // A clock that was set back once, and a few rows.
+        let mut once = grows.clone();
+        once.extend(&grows);
+        assert!(!is_backwards(&once) && !is_backwards(&falls[..10]));
     }
 
     #[test]

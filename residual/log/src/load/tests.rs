@@ -505,15 +505,75 @@ fn an_angle_that_begins_again_is_noted_and_made_to_go_on_where_asked() {
                 );
             }
         }
-        // A velocity of its own makes it harmless.
+        // Beside a velocity of its own a spring still needs it.
         let beside = model.replace("[[terms]]", "velocity = { column = \"v\" }\n[[terms]]");
-        assert!(finding(&folder(unit, 0.1).load(&beside).unwrap(), "wrapped angle").is_none());
+        let data = folder(unit, 0.1).load(&beside).unwrap();
+        let found = finding(&data, "wrapped angle").unwrap();
+        assert!(found.what.contains("springs, gaps"), "{found:?}");
     }
     // A length jumps as it likes.
     let length = MODEL.replace("[[terms]]", &ANGLE.replace("rad", "mm"));
     assert!(finding(&folder(1.0, 0.1).load(&length).unwrap(), "wrapped angle").is_none());
     let says = Spec::parse(&format!("{MODEL}[hygiene]\nwraps = \"drop\"\n")).unwrap_err();
     assert!(says.to_string().contains("hygiene.wraps"), "{says}");
+}
+
+/// One run of four has a column that is 1000 times as large, or in degrees.
+#[test]
+fn a_file_with_another_unit_is_told() {
+    let load = |factor: f64, sizes: [f64; 4]| {
+        let folder = Folder::new();
+        for (run, size) in sizes.into_iter().enumerate() {
+            let k = if run == 2 { factor } else { 1.0 };
+            let mut text = "t,y,c\n".to_string();
+            for i in 0..300usize {
+                let command = size * (0.02 * (1.0 + 0.1 * run as f64) * i as f64).sin();
+                text += &format!(
+                    "{},{},{command}\n",
+                    0.01 * i as f64,
+                    k * (command + 0.1 * noise(i, run))
+                );
+            }
+            folder.put(&format!("{run}.csv"), &text);
+        }
+        folder.load(MODEL).unwrap()
+    };
+    let told = |data: &Data| finding(data, "unit of a file").map(|f| f.what.clone());
+    let what = told(&load(1e3, [1.0, 1.2, 0.9, 1.1])).unwrap();
+    for words in ["in 2.csv column `y`", "larger, about the 1000", "convert"] {
+        assert!(what.contains(words), "{what}");
+    }
+    assert!(told(&load(0.0175, [1.0; 4]))
+        .unwrap()
+        .contains("smaller, about the 57.30"));
+    // No factor between units, small ones, and motions of every size.
+    assert_eq!(told(&load(200.0, [1.0; 4])), None);
+    assert_eq!(told(&load(9.8, [1.0; 4])), None);
+    assert_eq!(told(&load(1e3, [1.0, 20.0, 1.0, 0.05])), None);
+}
+
+/// The newest row is the first: the same data, and it is said.
+#[test]
+fn a_log_with_the_newest_row_first_is_read_from_its_end() {
+    let load = |backwards: bool| {
+        let folder = Folder::new();
+        for run in 0..2usize {
+            let mut rows: Vec<String> = (0..300usize)
+                .map(|i| format!("{},{},{}\n", 0.01 * i as f64, noise(i, run), i % 7))
+                .collect();
+            if backwards {
+                rows.reverse();
+            }
+            folder.put(&format!("{run}.csv"), &format!("t,y,c\n{}", rows.concat()));
+        }
+        folder.load(MODEL).unwrap()
+    };
+    let (forward, backward) = (load(false), load(true));
+    let column = |data: &Data, name: &str| data.frame().column(name).unwrap().to_vec();
+    assert_eq!(forward.frame().time(), backward.frame().time());
+    assert_eq!(column(&forward, "target"), column(&backward, "target"));
+    assert!(finding(&forward, "newest first").is_none());
+    assert_eq!(finding(&backward, "newest first").unwrap().count, 600);
 }
 
 /// Runs with an angle and its speed, the time of each run by a factor of its own.

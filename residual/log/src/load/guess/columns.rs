@@ -80,8 +80,8 @@ impl Chosen {
         found.2.as_deref()
     }
 
-    /// Takes a setpoint of the target's own unit, or of its quantity by its name, for the command
-    /// where the log has no command: then it is what the machine was told.
+    /// Takes a setpoint for the command where the log has no command: then it is what the machine
+    /// was told. Not one of a motion, whose controller stands between.
     fn command_from_setpoint(&mut self, columns: &[Column], target: usize) {
         let unit = |i: usize| columns[i].name.unit;
         let quantity = |i: usize| {
@@ -89,20 +89,50 @@ impl Chosen {
             words.iter().any(|w| columns[target].name.words.contains(w))
         };
         let has_command = self.get("command").is_some();
-        let setpoint = self.roles.iter_mut().find(|r| r.0 == "setpoint");
-        if let Some(entry) = setpoint.filter(|r| !has_command && unit(r.1) == unit(target)) {
-            let is_quantity = quantity(entry.1);
-            if is_quantity || !unit(target).is_empty() {
-                let what = if is_quantity {
-                    "of the quantity"
-                } else {
-                    "in the unit"
-                };
-                entry.0 = "command";
-                entry.2 = Some(format!(
-                    "a setpoint {what} of the target, taken for what was commanded"
-                ));
-            }
+        let of_motion = |i: usize| {
+            let name = &columns[i].name;
+            let measured = ["angle", "velocity"].map(|role| self.get(role));
+            let as_motion = measured.into_iter().flatten();
+            matches!(name.without_setpoint().role(), Some("angle" | "velocity"))
+                || (!name.unit.is_empty() && as_motion.into_iter().any(|m| unit(m) == name.unit))
+        };
+        let Some(at) = (self.roles.iter()).position(|r| r.0 == "setpoint" && !has_command) else {
+            return;
+        };
+        let column = self.roles[at].1;
+        if of_motion(column) {
+            return;
+        }
+        let what = if quantity(column) {
+            "of the quantity of the target"
+        } else if unit(column) == unit(target) && !unit(target).is_empty() {
+            "in the unit of the target"
+        } else {
+            "of something else than the target"
+        };
+        let question = format!("a setpoint {what}, taken for what was commanded");
+        self.roles[at].0 = "command";
+        self.roles[at].2 = Some(question);
+    }
+
+    /// Takes the current of a motor for the command where the log has none that changes.
+    fn command_from_current(&mut self, columns: &[Column], target: usize, time: Option<usize>) {
+        let command = self.get("command");
+        if is_current(&columns[target]) || command.is_some_and(|c| !is_still(&columns[c])) {
+            return;
+        }
+        let drives = |i: &usize| {
+            let column = &columns[*i];
+            is_current(column)
+                && column.role == Some("target")
+                && column.name.index == columns[target].name.index
+                && !is_still(column)
+                && Some(*i) != time
+        };
+        if let Some(current) = (0..columns.len()).find(drives) {
+            self.roles.retain(|r| r.0 != "command");
+            let question = "a current, taken for what drives".to_string();
+            self.roles.push(("command", current, Some(question)));
         }
     }
 
@@ -129,6 +159,7 @@ pub(super) fn choose(columns: &[Column], time: Option<usize>) -> Chosen {
         }
     }
     chosen.command_from_setpoint(columns, target);
+    chosen.command_from_current(columns, target, time);
     chosen
 }
 
@@ -183,7 +214,14 @@ fn target(columns: &[Column], time: Option<usize>) -> Option<(usize, Option<Stri
     let is_output = |i: &usize| columns[*i].name.words == ["y"];
     let key = |i: &usize| {
         let other = several && joints(i) != &index;
-        (other, columns[*i].spread == 0.0, is_letter(i), is_output(i))
+        let still = columns[*i].spread == 0.0;
+        (
+            other,
+            still,
+            is_current(&columns[*i]),
+            is_letter(i),
+            is_output(i),
+        )
     };
     let best = named.iter().copied().min_by_key(|i| (key(i), *i))?;
     let found = joints(&best) == &index;
@@ -205,6 +243,12 @@ fn target(columns: &[Column], time: Option<usize>) -> Option<(usize, Option<Stri
         (question, _) => question.or(alike),
     };
     Some((best, question))
+}
+
+/// Whether a column is the current of a motor: beside a force it is what drives.
+fn is_current(column: &Column) -> bool {
+    let has = |w: &String| ["current", "iq", "strom"].contains(&w.as_str());
+    column.name.unit == "A" || column.name.words.iter().any(has)
 }
 
 /// Whether a column counts rows or messages, or is a part of a stamp: nothing to predict.

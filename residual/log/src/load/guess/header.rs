@@ -44,15 +44,22 @@ pub(in crate::load) fn is_symbol(text: &str) -> bool {
     parts.peek().is_some() && parts.all(known)
 }
 
-/// Whether a cell may stand in a line of units: a symbol, a text in brackets, nothing, or a sign
-/// such as `-` and `%`.
+/// Whether a text shows how times are written: `hh:mm:ss`, `HH:MM:SS.fff`, `yyyy-mm-dd`.
+fn is_time_format(text: &str) -> bool {
+    let letters = |c: char| "hmsfyd".contains(c.to_ascii_lowercase());
+    let between = |c: char| matches!(c, ':' | '.' | ',' | '-' | '/' | ' ');
+    text.chars().all(|c| letters(c) || between(c)) && text.matches([':', '-', '/']).count() == 2
+}
+
+/// Whether a cell may stand in a line of units: a symbol, a text in brackets, nothing, a form of
+/// times, or a sign such as `-` and `%`.
 fn is_unit(cell: &str) -> bool {
     let text = bare(cell);
     let in_brackets =
         cell.trim_matches('"').starts_with(['[', '(', '{', '<']) && text.chars().count() <= LONG;
     let is_sign = text == "1" || !text.contains(char::is_alphanumeric);
     let is_label = LABELS.contains(&text.to_lowercase().as_str());
-    in_brackets || is_sign || is_label || is_symbol(text)
+    in_brackets || is_sign || is_label || is_symbol(text) || is_time_format(text)
 }
 
 /// Whether a line is the second of a header, below a line of `names`: a unit of time stands below
@@ -115,8 +122,27 @@ mod tests {
     #[test]
     fn cells_of_a_line_of_units() {
         for cell in [
-            "s", "[N]", "(deg/s)", "V", "Nm", "°C", "-", "", "\"mm\"", "m/s²", "1/min", "%", "kN",
-            "N·m", "[a.u.]", "Unit", "µs", "rad/s^2",
+            "s",
+            "[N]",
+            "(deg/s)",
+            "V",
+            "Nm",
+            "°C",
+            "-",
+            "",
+            "\"mm\"",
+            "m/s²",
+            "1/min",
+            "%",
+            "kN",
+            "N·m",
+            "[a.u.]",
+            "Unit",
+            "µs",
+            "rad/s^2",
+            "hh:mm:ss",
+            "yyyy-mm-dd",
+            "HH:MM:SS.fff",
         ] {
             assert!(is_unit(cell), "{cell}");
         }
@@ -131,6 +157,7 @@ mod tests {
     fn a_second_line_is_told_from_names() {
         for (names, second, expected) in [
             (["Time", "Force"], ["s", "N"], true),
+            (["Elapsed", "Torque"], ["hh:mm:ss", "N·m"], true),
             (["Time", "Analog 1"], ["ms", "Motor speed"], true),
             (["Kanal 1", "Kanal 2"], ["V", "V"], true),
             (["Kanal 1", "Kanal 2"], ["mm", "V"], true),

@@ -254,6 +254,7 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("m", "m", 1.0),
     ("ma", "A", 1e-3),
     ("a", "A", 1.0),
+    ("mv_v", "mV/V", 1.0),
     ("mv", "V", 1e-3),
     ("v", "V", 1.0),
     ("volt", "V", 1.0),
@@ -322,6 +323,24 @@ impl Name {
             unit,
             scale,
             ..name
+        }
+    }
+
+    /// The name of what a setpoint is for: `sollkraft` is for a force.
+    pub(super) fn without_setpoint(&self) -> Name {
+        let setpoints = WORDS.iter().find(|(role, _)| *role == "setpoint");
+        let all = setpoints.map_or(&[][..], |(_, words)| *words);
+        let rest = |word: &String| {
+            let prefix = all.iter().filter(|s| s.len() > 3 || word == *s);
+            let rest = prefix
+                .filter_map(|s| word.strip_prefix(s))
+                .min_by_key(|r| r.len());
+            rest.map_or_else(|| word.clone(), str::to_string)
+        };
+        let words = self.words.iter().map(rest).filter(|w| !w.is_empty());
+        Name {
+            words: words.collect(),
+            ..self.clone()
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::columns::Column;
 use super::names::COUNTERS;
+use crate::load::stamps;
 
 use residual_columns::format::num;
 use residual_columns::stats;
@@ -54,6 +55,15 @@ struct Growth {
 }
 
 impl Growth {
+    /// Of the values from the other end where the newest row is the first.
+    fn of_any_order(values: &[f64]) -> (Growth, bool) {
+        let finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+        let backwards = stamps::is_backwards(&finite);
+        let reversed = || finite.iter().rev().copied().collect::<Vec<f64>>();
+        let ordered = if backwards { reversed() } else { finite };
+        (Growth::of(&ordered), backwards)
+    }
+
     fn of(values: &[f64]) -> Growth {
         let mut growth = Growth {
             up: vec![],
@@ -103,7 +113,13 @@ impl Growth {
 /// size. `slope` gives, for a column taken as time, the slope of the angle as a multiple of the
 /// velocity.
 pub(super) fn find(columns: &[Column], slope: impl Fn(usize) -> Option<f64>) -> Option<Time> {
-    let grown: Vec<Growth> = columns.iter().map(|c| Growth::of(c.values)).collect();
+    let (grown, backwards): (Vec<Growth>, Vec<bool>) = columns
+        .iter()
+        .map(|c| match c.role {
+            Some("time") => Growth::of_any_order(c.values),
+            _ => (Growth::of(c.values), false),
+        })
+        .unzip();
     let all = 0..columns.len();
     let counter = |i: &usize| {
         let words = &columns[*i].name.words;
@@ -130,6 +146,10 @@ pub(super) fn find(columns: &[Column], slope: impl Fn(usize) -> Option<f64>) -> 
     }
     let (scale, question) = unit(&columns[column], step, slope(column));
     questions.extend(question);
+    if backwards[column] {
+        questions
+            .push("the newest row is the first: rows are read from the end of the file".into());
+    }
     if growth.falls > 0 {
         questions.push(format!(
             "it falls after row {} of the data: does a second run begin there? Then name the column that numbers the runs in input.sequence",

@@ -559,3 +559,70 @@ fn a_parquet_log_has_a_model_file() {
     let data = crate::load::load(&[path], &spec).unwrap();
     assert!((data.frame().step() - 0.01).abs() < 1e-9);
 }
+
+/// A force is what is measured, and what drives it is a setpoint or a current, where no command is
+/// there; not the setpoint of a motion.
+#[test]
+fn what_drives_is_a_setpoint_or_a_current() {
+    let command = |header: &str| {
+        let count = header.trim().split(',').count();
+        let (spec, text) = of(&log(header, 300, |i| {
+            let cell = |k: usize| (0.05 * i * (1.0 + 0.3 * k as f64)).sin();
+            std::iter::once(0.01 * i)
+                .chain((1..count).map(cell))
+                .collect()
+        }));
+        let command = spec.roles.command.map(|c| c.column);
+        (spec.roles.target.column, command, text)
+    };
+    for (header, target, expected) in [
+        (
+            "t,Consigne (V),Couple (N.m)\n",
+            "Couple (N.m)",
+            Some("Consigne (V)"),
+        ),
+        ("time,soll,ist\n", "ist", Some("soll")),
+        (
+            "t,Motor Current (mA),Axial Force (N)\n",
+            "Axial Force (N)",
+            Some("Motor Current (mA)"),
+        ),
+        ("t,force,target_speed\n", "force", None),
+        ("t,Kraft,Sollgeschwindigkeit\n", "Kraft", None),
+        ("t,Sollkraft,Kraft,Strom\n", "Kraft", Some("Sollkraft")),
+        ("t,current,q\n", "current", None),
+    ] {
+        let found = command(header);
+        assert_eq!(
+            (found.0.as_str(), found.1.as_deref()),
+            (target, expected),
+            "{}",
+            found.2
+        );
+        assert_eq!(
+            found.2.contains("taken for what"),
+            expected.is_some(),
+            "{}",
+            found.2
+        );
+    }
+}
+
+#[test]
+fn a_bridge_in_millivolts_per_volt_is_no_voltage() {
+    let (spec, text) = of(&log("t,Bridge [mV/V],cmd [V]\n", 300, |i| {
+        vec![0.01 * i, i % 5.0, i % 3.0]
+    }));
+    assert_eq!(spec.roles.target.unit, "mV/V", "{text}");
+    assert_eq!(spec.roles.command.unwrap().unit, "V");
+}
+
+/// A time that falls from row to row is one all the same.
+#[test]
+fn the_newest_row_may_be_the_first() {
+    let (spec, text) = of(&log("time,cmd,force\n", 300, |i| {
+        vec![3.0 - 0.01 * i, i % 5.0, i % 3.0]
+    }));
+    assert_eq!(spec.roles.time.column, "time");
+    assert!(text.contains("the newest row is the first"), "{text}");
+}
