@@ -70,9 +70,15 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         Some(check) => Some(check.figures(search, &outcome.chosen, &all.chosen)?),
         None => None,
     };
+    let left = found
+        .left
+        .structure
+        .iter()
+        .map(|s| s.gain)
+        .fold(0.0, f64::max);
     let ambiguous: Vec<Ambiguity> = weights
         .iter()
-        .filter_map(|w| ambiguity(outcome, w.index))
+        .filter_map(|w| ambiguity(outcome, w.index, left))
         .collect();
     let verdict = verdict(Conditions {
         effects: effects.len(),
@@ -242,10 +248,20 @@ fn standing(outcome: &Outcome, index: usize) -> Standing {
     outcome.standings.get(index).cloned().unwrap_or_default()
 }
 
-/// Candidates that the data cannot distinguish from a chosen effect, if any.
-fn ambiguity(outcome: &Outcome, index: usize) -> Option<Ambiguity> {
-    let ties = standing(outcome, index).ties;
+/// Candidates that the data cannot distinguish from a chosen effect, if any. Structure without a
+/// name that is `left` explains a part of the held-out RMSE.
+fn ambiguity(outcome: &Outcome, index: usize, left: f64) -> Option<Ambiguity> {
+    let Standing {
+        rival,
+        rival_is_simpler,
+        mut ties,
+    } = standing(outcome, index);
     let own = outcome.chosen[index].effect;
+    // What is missing, and has no name, may be what makes it better than something simpler.
+    if let Some(rival) = rival.filter(|r| rival_is_simpler && r.behind < left) {
+        let known = ties.iter().any(|e| e.kind() == rival.name);
+        ties.extend((!known).then(|| effect_of(rival.name)));
+    }
     let twin = own
         .twin(&outcome.chosen[index].variant.label)
         .map(effect_of)

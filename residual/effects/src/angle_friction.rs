@@ -33,6 +33,18 @@ impl Effect for AngleFriction {
         let turn = ctx.width(x) * radians(&ctx.position_unit())?;
         (turn < WIDTHS[0]).then(|| "the angle moves by less than a sector".to_string())
     }
+    /// Damping that swells and falls with the angle as friction does: what grows with the speed is
+    /// no dry friction.
+    fn must_surpass(&self, form: &Variant, order: f64, ctx: &Context) -> Vec<Variant> {
+        let (Some(v), Some(angle)) = (&ctx.velocity, in_radians(ctx)) else {
+            return vec![];
+        };
+        let Some(mut psi) = form.psi.clone().filter(|p| p.name == "order") else {
+            return vec![];
+        };
+        psi.grid = vec![order];
+        vec![with_a_ripple(ctx, "damping with a ripple", v, &angle, psi)]
+    }
     /// The middle of a sector goes round.
     fn may_be_at_end(&self, form: &Variant) -> [bool; 2] {
         [form.psi.as_ref().is_some_and(|p| p.name == "middle"); 2]
@@ -41,7 +53,7 @@ impl Effect for AngleFriction {
         let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
             return vec![];
         };
-        let Some(k) = radians(&ctx.position_unit()) else {
+        let (Some(k), Some(angle)) = (radians(&ctx.position_unit()), in_radians(ctx)) else {
             return vec![];
         };
         // An angle that is integrated from the speed starts anew in each run.
@@ -49,16 +61,41 @@ impl Effect for AngleFriction {
             return vec![];
         }
         let sign = format!("sgn({v}, {})", ctx.deadband);
-        let angle = if k == 1.0 {
-            x.clone()
-        } else {
-            format!("({x} * {k})")
-        };
+        let ripple = with_a_ripple(ctx, "with a ripple", &sign, &angle, orders(ctx, &sign));
         WIDTHS
             .iter()
             .map(|width| in_a_sector(ctx, &sign, &angle, *width))
-            .chain([with_a_ripple(ctx, &sign, &angle)])
+            .chain([ripple])
             .collect()
+    }
+}
+
+/// Expression of the angle in radians; `None` without one.
+fn in_radians(ctx: &Context) -> Option<String> {
+    let x = ctx.position.as_ref()?;
+    let k = radians(&ctx.position_unit())?;
+    Some(match k == 1.0 {
+        true => x.clone(),
+        false => format!("({x} * {k})"),
+    })
+}
+
+/// Orders of a friction that swells and falls with the angle.
+fn orders(ctx: &Context, sign: &str) -> Psi {
+    let (mut grid, mut resolution) = (ORDERS.to_vec(), None);
+    // The spectrum of what a ripple of the friction leaves, in the direction of the motion.
+    if let Some(turning) = Angle::new(ctx).filter(|a| a.turns >= FEW_TURNS) {
+        grid.extend(turning.orders(&ctx.values(sign)));
+        grid.sort_by(f64::total_cmp);
+        grid.dedup();
+        resolution = Some(turning.resolution());
+    }
+    Psi {
+        name: "order",
+        unit: "1/turn".into(),
+        grid,
+        refine: resolution.is_some(),
+        resolution,
     }
 }
 
@@ -92,26 +129,12 @@ fn in_a_sector(ctx: &Context, sign: &str, angle: &str, width: f64) -> Variant {
     })
 }
 
-/// Friction that swells and falls with the angle.
-fn with_a_ripple(ctx: &Context, sign: &str, angle: &str) -> Variant {
-    let (sign, angle, unit) = (sign.to_string(), angle.to_string(), ctx.unit().to_string());
-    let (mut grid, mut resolution) = (ORDERS.to_vec(), None);
-    // The spectrum of what a ripple of the friction leaves, in the direction of the motion.
-    if let Some(turning) = Angle::new(ctx).filter(|a| a.turns >= FEW_TURNS) {
-        grid.extend(turning.orders(&ctx.values(&sign)));
-        grid.sort_by(f64::total_cmp);
-        grid.dedup();
-        resolution = Some(turning.resolution());
-    }
-    let psi = Psi {
-        name: "order",
-        unit: "1/turn".into(),
-        grid,
-        refine: resolution.is_some(),
-        resolution,
-    };
-    Variant::profiled("with a ripple", psi, move |n| {
-        let wave = |f: &str| format!("{sign} * {f}({n} * {angle})");
+/// What swells and falls with the angle, `factor` times.
+fn with_a_ripple(ctx: &Context, label: &str, factor: &str, angle: &str, psi: Psi) -> Variant {
+    let (factor, angle) = (factor.to_string(), angle.to_string());
+    let unit = ctx.unit().to_string();
+    Variant::profiled(label, psi, move |n| {
+        let wave = |f: &str| format!("{factor} * {f}({n} * {angle})");
         Build::Add(vec![
             Piece::new("sine", unit.clone(), wave("sin")),
             Piece::new("cosine", unit.clone(), wave("cos")),

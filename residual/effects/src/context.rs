@@ -321,6 +321,17 @@ impl Context<'_> {
         stats::mean(&self.values(&format!("sgn({v}, {}) == 0", self.deadband))) > 0.005
     }
 
+    /// Whether the motion has both directions: each in a hundredth of the rows that move.
+    pub fn turns_round(&self) -> bool {
+        let Some(v) = &self.velocity else {
+            return false;
+        };
+        let signs = self.values(&format!("sgn({v}, {})", self.deadband));
+        let share = |sign: f64| signs.iter().filter(|s| **s == sign).count() as f64;
+        let (forth, back) = (share(1.0), share(-1.0));
+        forth.min(back) >= 0.01 * (forth + back) && forth > 0.0
+    }
+
     /// Values of an expression on fitted rows; empty if it cannot be evaluated.
     pub fn values(&self, text: &str) -> Vec<f64> {
         self.problem

@@ -34,6 +34,7 @@ impl Effect for Delay {
         let ahead = "the target would be ahead of its cause; look at the time stamps of the logs";
         e.outside("delay", -ctx.dt, f64::INFINITY, ahead)
             .or_else(|| as_held(e.get("delay")?, ctx))
+            .or_else(|| late_direction(e.get("delay")?, ctx))
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let names = ctx.declared_columns();
@@ -100,6 +101,20 @@ pub(super) fn as_held(late: f64, ctx: &Context) -> Option<String> {
         format!(
             "the target holds each of its values for {} s, which delays it as much",
             num(1.0 / rate)
+        )
+    })
+}
+
+/// Why a target that is ahead of a velocity by less than a row is no effect: the direction of a
+/// motion shows where the velocity leaves its deadband, and the difference of two positions is that
+/// of half a row before.
+fn late_direction(late: f64, ctx: &Context) -> Option<String> {
+    let moves = ctx.velocity.is_some() && ctx.deadband > 0.0;
+    (moves && late < 0.0 && late > -ctx.dt).then(|| {
+        format!(
+            "the velocity is late by {} s, less than a row ({} s): its deadband and its difference make as much",
+            num(-late),
+            num(ctx.dt)
         )
     })
 }

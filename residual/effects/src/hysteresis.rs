@@ -60,7 +60,8 @@ impl Effect for Hysteresis {
         if ctx.has_command() {
             drivers.push(("load", ctx.load.clone(), ctx.unit().to_string()));
         }
-        if let (Some(_), Some(x)) = (&ctx.spec.roles.angle, &ctx.position) {
+        // Only its changes count, so one that is integrated from the velocity does as well.
+        if let Some(x) = &ctx.position {
             drivers.push(("position", x.clone(), ctx.position_unit()));
         }
         let unit = ctx.unit().to_string();

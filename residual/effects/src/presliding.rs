@@ -8,6 +8,10 @@ use residual_columns::stats;
 
 pub struct Presliding;
 
+/// Rows within which friction may seem to turn before a motion begins that has begun: the velocity
+/// is still in its deadband.
+const SOONEST_ROWS: f64 = 2.0;
+
 impl Effect for Presliding {
     fn kind(&self) -> EffectKind {
         EffectKind::Presliding
@@ -135,11 +139,8 @@ impl Forms<'_> {
             );
         }
         let (unit, by, loaded) = (ctx.unit().to_string(), ctx.measure(), self.loaded);
-        let psi = Psi::new(
-            "turning_time",
-            "s",
-            Context::log_grid(0.5 * ctx.dt, 40.0 * ctx.dt, 10),
-        );
+        let (soonest, longest) = (SOONEST_ROWS * ctx.dt, 40.0 * ctx.dt);
+        let psi = Psi::new("turning_time", "s", Context::log_grid(soonest, longest, 10));
         let label = "held, then turning before the next motion";
         Variant::profiled(label, psi, move |tau| {
             let ahead = format!("ahead({v}, {db}, {tau})");
@@ -152,6 +153,7 @@ impl Forms<'_> {
             p.extend(waiting.clone());
             Build::Add(p)
         })
+        .possible(move |tau, _| tau >= soonest)
     }
 
     /// The elastic turn of Dahl's model over a short distance; friction `of_load` is a share of it.

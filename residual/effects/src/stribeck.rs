@@ -59,15 +59,19 @@ impl Effect for Stribeck {
         let Some((_, fast)) = ctx.range(&format!("abs({v})")) else {
             return vec![];
         };
+        // In one direction a curve over the speed has no sign that would make it friction.
+        if !ctx.turns_round() {
+            return vec![];
+        }
         let (unit, db) = (ctx.unit().to_string(), ctx.deadband);
         let grid = Context::log_grid((0.01 * fast).max(1.5 * db), 0.6 * fast, 14);
-        let form = |label: &str, power: i32| {
+        let form = |label: &str, direction: &'static str, power: i32| {
             let (v, unit) = (v.clone(), unit.clone());
             Variant::profiled(
                 label,
                 Psi::new("stribeck_velocity", ctx.velocity_unit(), grid.clone()),
                 move |vs| {
-                    let s = format!("sgn({v}, {db})");
+                    let s = format!("{direction}({v}, {db})");
                     Build::Add(vec![
                         Piece::new("sliding_friction", unit.clone(), s.clone())
                             .being(Nature::Friction),
@@ -81,6 +85,12 @@ impl Effect for Stribeck {
             )
             .adding_to_friction(1)
         };
-        vec![form("gaussian", 2), form("exponential", 1)]
+        let mut out = vec![form("gaussian", "sgn", 2), form("exponential", "sgn", 1)];
+        // The whole of it, at rest too: else the part at rest and the part in motion have two names.
+        if !ctx.friction && ctx.rests() {
+            out.push(form("gaussian, stays at rest", "held", 2));
+            out.push(form("exponential, stays at rest", "held", 1));
+        }
+        out
     }
 }

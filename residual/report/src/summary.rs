@@ -7,7 +7,8 @@ use residual_columns::format::{num, percent};
 use residual_evidence::leftover::LINE_OF_INPUT;
 use residual_log::finding::LEFT_OUT;
 use residual_log::hygiene::{
-    BUNCHED, FEW_ROWS, HELD, REPEATED_MOTION, REPORTED_ONLY, SPEED_AGAINST_ANGLE, UNLIKE_LOG,
+    BUNCHED, CLIPPING, FEW_ROWS, HELD, OTHER_UNIT, REPEATED_MOTION, REPORTED_ONLY,
+    SPEED_AGAINST_ANGLE, UNLIKE_LOG,
 };
 
 /// Correlation of the residual with itself from which the verdict names it.
@@ -25,14 +26,18 @@ const FAR_MORE: f64 = 10.0;
 /// left may still be in it; more than that moves no name.
 const CERTAIN: f64 = 0.2;
 
+/// Share of the rows at the end of the target's range from which that is said with the answer.
+const LOST: f64 = 0.01;
+
 /// Checks of the data that make the answer doubtful.
-const AGAINST: [&str; 6] = [
+const AGAINST: [&str; 7] = [
     SPEED_AGAINST_ANGLE,
     FEW_ROWS,
     LEFT_OUT,
     BUNCHED,
     HELD,
     LINE_OF_INPUT,
+    OTHER_UNIT,
 ];
 
 impl Report {
@@ -65,6 +70,7 @@ impl Report {
             || self.left().is_some()
             || worse.is_some()
             || coloured
+            || self.clipped().is_some()
             || AGAINST.iter().any(|check| self.flawed(check));
         !doubtful
     }
@@ -179,11 +185,33 @@ impl Report {
     /// What is to be known before the answer: few rows that decide it, stamps that are not those of
     /// the rows, rows that are no values of their own.
     fn before(&self) -> String {
-        let seen = [FEW_ROWS, BUNCHED].iter().filter_map(|c| self.finding(c));
-        let held = self.finding(HELD).filter(|w| w.ends_with(REPORTED_ONLY));
-        seen.chain(held)
+        let other = self.finding(OTHER_UNIT);
+        // Its rows are the few that carry the error, and no spikes.
+        let few = self.finding(FEW_ROWS).filter(|_| other.is_none());
+        let left = |w: &&str| w.ends_with(REPORTED_ONLY);
+        let held = self.finding(HELD).filter(left);
+        let clipped = self.clipped();
+        let seen = [other, few, self.finding(BUNCHED), held]
+            .into_iter()
+            .flatten();
+        seen.chain(clipped.as_deref())
             .map(|what| format!("{}. ", capitalised(what.trim_end_matches('.'))))
             .collect()
+    }
+
+    /// That much of the target stands at the end of its range and is fitted as it is.
+    fn clipped(&self) -> Option<String> {
+        let mut all = self.hygiene.iter();
+        let f = all.find(|f| f.check == CLIPPING && f.what.ends_with(REPORTED_ONLY))?;
+        let share = f.count as f64 / self.rows.max(1) as f64;
+        (share > LOST).then(|| {
+            format!(
+                "{} of the rows have the {}: what acts there is not in the target, and effects that are missed or too small follow; \
+                 hygiene.clipping = \"drop\" leaves these rows out",
+                percent(share),
+                f.what
+            )
+        })
     }
 
     /// What the data themselves say against the answer.

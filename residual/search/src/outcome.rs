@@ -27,6 +27,8 @@ pub struct Rival {
 pub struct Standing {
     /// The nearest rival; `None` if there is none.
     pub rival: Option<Rival>,
+    /// Whether it has fewer parameters.
+    pub rival_is_simpler: bool,
     /// What cannot be distinguished from it.
     pub ties: Vec<EffectRef>,
 }

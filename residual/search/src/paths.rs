@@ -22,16 +22,18 @@ pub const FEW_PERIODS: f64 = 8.0;
 /// Standard errors of the difference of two errors, block by block, below which they are equal.
 const EQUAL: f64 = 2.0;
 
+/// Standard errors from which on one error is surely smaller than another, and the part of what
+/// counts that is enough then: chosen on friction that falls with the speed and damping, which dry
+/// friction and a drag imitate within 1.1 % of the error.
+const SURELY: f64 = 4.0;
+const PART: f64 = 0.25;
+
 /// Effects that take the shape of others from which on they may have kept them out: one alone is
 /// put to the test by its rivals.
 const FEWEST_SHAPES: usize = 2;
 
 /// Effects that contain textbook terms, or that textbook terms may stand for.
-const LIKE_PHYSICS: [EffectKind; 3] = [
-    EffectKind::Payload,
-    EffectKind::Hysteresis,
-    EffectKind::Stribeck,
-];
+const LIKE_PHYSICS: [EffectKind; 2] = [EffectKind::Payload, EffectKind::Hysteresis];
 
 /// Standard errors, and relative difference, up to which two paths are equal as far as names go.
 /// The smaller of two paths is taken over a wider range; its names are only certain beyond this.
@@ -286,7 +288,13 @@ impl Search<'_> {
             let parameters = o.chosen.iter().map(Chosen::parameters).sum();
             (o.fitted.rmse(), parameters)
         };
-        takes_over(of(other), of(best), worse, self.spec.selection.material)
+        let known = |c: &Chosen| {
+            let kind = c.effect.kind();
+            is_physics(kind) || best.chosen.iter().any(|b| b.effect.kind() == kind)
+        };
+        let textbook = other.chosen.iter().all(known);
+        let material = self.spec.selection.material;
+        takes_over(of(other), of(best), worse, material, textbook)
     }
 
     /// Whether two outcomes predict as well as each other.
@@ -346,9 +354,18 @@ fn takes_a_shape(c: &Chosen, turns: Option<f64>) -> bool {
 /// Whether a path takes over from another, by their errors and numbers of parameters: it is better
 /// by what counts (`material`), or smaller and no `worse`, neither in standard errors nor by what
 /// counts. Where few rows carry most of the error, standard errors are as large as any difference.
-fn takes_over(new: (f64, usize), old: (f64, usize), worse: f64, material: f64) -> bool {
+/// A path of `textbook` terms, which take no shape of others, needs to be better by a part of what
+/// counts, if it is so in all blocks.
+fn takes_over(
+    new: (f64, usize),
+    old: (f64, usize),
+    worse: f64,
+    material: f64,
+    textbook: bool,
+) -> bool {
     let is_worse = worse >= EQUAL || new.0 > old.0 * (1.0 + material);
-    new.0 < old.0 * (1.0 - material) || (new.1 < old.1 && !is_worse)
+    let by_part = textbook && worse <= -SURELY && new.0 < old.0 * (1.0 - PART * material);
+    new.0 < old.0 * (1.0 - material) || by_part || (new.1 < old.1 && !is_worse)
 }
 
 #[cfg(test)]
@@ -357,17 +374,21 @@ mod tests {
 
     #[test]
     fn a_path_must_be_better_or_as_good_and_smaller() {
-        for (new, old, worse, expected) in [
-            ((0.356, 9), (0.540, 13), -9.0, true),
-            ((0.356, 13), (0.540, 9), -9.0, true),
-            ((0.418_3, 7), (0.418_0, 10), 0.8, true),
-            ((0.43, 7), (0.418, 10), 3.0, false),
-            ((0.418_3, 10), (0.418_0, 10), 0.8, false),
-            ((0.415, 12), (0.418, 10), -1.0, false),
-            ((0.439, 7), (0.395, 8), 1.5, false),
+        for (new, old, worse, textbook, expected) in [
+            ((0.415, 12), (0.418, 10), -4.5, true, true),
+            ((0.415, 12), (0.418, 10), -3.5, true, false),
+            ((0.417, 12), (0.418, 10), -9.0, true, false),
+            ((0.415, 12), (0.418, 10), -9.0, false, false),
+            ((0.356, 9), (0.540, 13), -9.0, false, true),
+            ((0.356, 13), (0.540, 9), -9.0, false, true),
+            ((0.418_3, 7), (0.418_0, 10), 0.8, false, true),
+            ((0.43, 7), (0.418, 10), 3.0, false, false),
+            ((0.418_3, 10), (0.418_0, 10), 0.8, false, false),
+            ((0.415, 12), (0.418, 10), -1.0, true, false),
+            ((0.439, 7), (0.395, 8), 1.5, false, false),
         ] {
             assert_eq!(
-                takes_over(new, old, worse, 0.02),
+                takes_over(new, old, worse, 0.02, textbook),
                 expected,
                 "{new:?} {old:?}"
             );

@@ -87,20 +87,21 @@ impl Search<'_> {
         let kind = own.effect.kind();
         let there = |c: &Candidate| rest.iter().any(|r| r.excludes(c.origin.kind()));
         let rows = self.problem.y.len() as f64;
-        let rival = step
+        let first = step
             .ranked
             .iter()
-            .find(|c| c.origin.kind() != kind && !there(c))
-            .map(|c| {
-                let rmse = (c.held / rows).sqrt();
-                Rival {
-                    name: c.origin.kind(),
-                    heldout_rmse: rmse,
-                    behind: rmse / current - 1.0,
-                }
-            });
+            .find(|c| c.origin.kind() != kind && !there(c));
+        let rival = first.map(|c| {
+            let rmse = (c.held / rows).sqrt();
+            Rival {
+                name: c.origin.kind(),
+                heldout_rmse: rmse,
+                behind: rmse / current - 1.0,
+            }
+        });
         Standing {
             rival,
+            rival_is_simpler: first.is_some_and(|c| c.parameters < own.parameters()),
             ties: self.ties(own, rest, step, fitted),
         }
     }

@@ -18,13 +18,14 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// Effects that a textbook on machines has.
-const PHYSICS: [EffectKind; 9] = [
+const PHYSICS: [EffectKind; 10] = [
     EffectKind::Offset,
     EffectKind::Gain,
     EffectKind::Quadratic,
     EffectKind::Coulomb,
     EffectKind::LoadDependentCoulomb,
     EffectKind::Viscous,
+    EffectKind::Stribeck,
     EffectKind::Presliding,
     EffectKind::Inertia,
     EffectKind::GravityAngle,

@@ -43,6 +43,16 @@ fn a_ripple_of_any_order_is_named() {
     }
 }
 
+/// A damping that swells and falls with the angle is no dry friction.
+#[test]
+fn a_damping_with_a_ripple_is_not_called_friction() {
+    let report = crate::rig::simulate(&Default::default(), 1.0, &mut |s| {
+        -0.4 * s.velocity * (1.0 + (3.0 * s.angle).cos())
+    });
+    let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+    assert!(!names.contains(&"angle_friction"), "{}", report.summary());
+}
+
 #[test]
 fn is_named() {
     crate::rig::names("angle_friction", |s| {

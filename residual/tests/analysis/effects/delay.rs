@@ -135,3 +135,32 @@ fn the_longest_delay_goes_with_the_motion() {
     // An eighth of the run at most.
     assert!((longest(0.1) - 5.0).abs() < 0.05, "{}", longest(0.1));
 }
+
+/// The direction of a motion shows where the velocity leaves its deadband, later than it begins.
+#[test]
+fn a_target_ahead_of_a_velocity_with_a_deadband_is_no_delay() {
+    let rows = 500;
+    let velocity: Vec<f64> = (0..rows).map(|i| (0.05 * i as f64).sin()).collect();
+    let columns = [("target", velocity.clone()), ("velocity", velocity)];
+    let refused = |deadband: &str, rows_late: f64| {
+        let spec = format!(
+            "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\" }}\n\
+             velocity = {{ column = \"v\"{deadband} }}\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n"
+        );
+        let mut why = None;
+        crate::rig::knowing(&spec, &columns, rows, |ctx| {
+            let params = [residual::Param::new("delay", rows_late * ctx.dt, "s")];
+            let estimate = residual_effects::Estimate {
+                form: residual::Form::Other,
+                label: "of the target against everything",
+                params: &params,
+                intervals: &Default::default(),
+            };
+            why = effect(EffectKind::Delay).impossible(&estimate, ctx);
+        });
+        why.is_some()
+    };
+    let deadband = ", deadband = 0.1";
+    assert!(refused(deadband, -0.4) && !refused("", -0.4));
+    assert!(!refused(deadband, 0.4) && refused("", -1.5));
+}

@@ -127,3 +127,18 @@ fn is_named() {
         0.4 * z
     });
 }
+
+/// Only the changes of the position count, and the velocity tells them.
+#[test]
+fn a_loop_of_the_position_needs_no_column_of_it() {
+    let rows = 2000;
+    let velocity: Vec<f64> = (0..rows).map(|i| (0.01 * i as f64).sin()).collect();
+    let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                velocity = { column = \"v\" }\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+    let columns = [("target", velocity.clone()), ("velocity", velocity)];
+    crate::rig::knowing(spec, &columns, rows, |ctx| {
+        let forms =
+            residual_effects::effect(residual_effects::EffectKind::Hysteresis).variants(ctx);
+        assert!(forms.iter().any(|f| f.label == "loop of position"));
+    });
+}

@@ -33,7 +33,33 @@ fn friction_has_one_sign_at_all_speeds() {
         // Within what is uncertain.
         assert_eq!(why(-0.02, 0.345), None);
         assert!(why(-0.05, 0.345).is_some_and(|w| w.contains("changes its sign")));
+        // And nothing is offered: any curve over the speed would fit.
+        assert!(effect(EffectKind::Stribeck).variants(ctx).is_empty());
     });
+}
+
+/// A motor that holds its load by friction: one friction at rest and in motion, and no second name.
+#[test]
+fn friction_that_holds_at_rest_is_named() {
+    let mut last = 0.0;
+    let stops = Excitation {
+        stops: true,
+        ..Excitation::default()
+    };
+    let report = simulate(&stops, 1.0, &mut |s| {
+        if s.first {
+            last = 0.0;
+        }
+        if s.velocity != 0.0 {
+            last = s.velocity.signum();
+        }
+        -last * (0.2 + 0.5 * (-(s.velocity / 0.3).powi(2)).exp())
+    });
+    let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+    assert_eq!(names, ["stribeck"], "{}", report.summary());
+    assert_eq!(report.effects[0].form, "gaussian, stays at rest");
+    let sliding = report.effects[0].params["sliding_friction"];
+    assert!((sliding + 0.2).abs() < 0.03, "{sliding}");
 }
 
 /// A wide hump of the other sign bends like viscous friction, and takes Coulomb friction along.
