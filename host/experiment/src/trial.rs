@@ -271,3 +271,23 @@ struct Run<'a> {
 fn tip_of(poll: &Poll, state: &RobotState) -> Option<(Vector3<f64>, Option<i64>)> {
     (state.tip.as_ref()).map(|tip| (tip.position_m.into(), poll.tip_at_ns(state)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use session::LatchedFault;
+
+    /// Only a person's stop ends more than the trial, whenever it is noticed.
+    #[test]
+    fn a_stop_is_told_from_other_faults() {
+        let of = |code: control::Fault| LatchedFault::new(code.code(), 0);
+        let by_other = |error: RunError| matches!(End::from(error), End::ByOther(_));
+        let stop = of(control::Fault::HostStop);
+        assert!(by_other(stop.into()));
+        assert!(by_other(Fault::LatchedBefore(stop).into()));
+        let by = "a terminal".to_owned();
+        assert!(by_other(Fault::Stopped { by, fault: stop }.into()));
+        assert!(!by_other(of(control::Fault::SetpointsExpired).into()));
+        assert!(!by_other(Fault::Armed.into()));
+    }
+}

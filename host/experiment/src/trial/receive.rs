@@ -4,7 +4,7 @@
 use super::super::feed::Feed;
 use super::{robot_gone, tip_of, End, Run};
 use robot::state::TipForce;
-use run::Observer;
+use run::{Observer, RunError};
 use session::{Received, Session};
 use wire::message::flags;
 
@@ -56,7 +56,7 @@ impl Run<'_> {
             )));
         }
         match session.fault_in(&received) {
-            Some(fault) => Err(End::Stopped(fault.to_string())),
+            Some(fault) => Err(RunError::from(fault).into()),
             None => Ok(()),
         }
     }
