@@ -204,12 +204,27 @@ fn an_experiment_with_a_rig_of_which_a_part_was_exchanged_does_not_begin() {
     let mut serial_numbers = [[""; 4]; 6];
     serial_numbers[1][1] = "M-1";
     leave_record(folder.path(), "", serial_numbers);
-    let experiment = "experiment run --quick --link serial:no-such-port --out day";
+    // A clamped tip: a virtual robot has a rig of its own.
+    let robot = "[robot]\nkind = \"static\"\nposition_m = [-0.080, 0.025, -0.140]\n";
+    let text = expect(folder.path(), "experiment check --print", 0, &[]).out;
+    let (head, rest) = text.split_once("[robot]").unwrap();
+    let (_, rest) = rest.split_once("[force]").unwrap();
+    let text = format!("{head}rig = \"my.toml\"\n{robot}[force]{rest}");
+    std::fs::write(folder.path().join("clamped.toml"), text).unwrap();
+    let at = "--link serial:no-such-port --direct --out day";
+    let experiment = &format!("experiment run clamped.toml --quick {at}");
     let what = "the motor of unit 2 was M-1 and is M-2";
     let said = run(folder.path(), experiment);
     assert!(!said.err.contains("since the bring-up"), "{said:?}");
     serials("M-2");
     expect(folder.path(), experiment, 2, &[what, "nothing was driven"]);
+    let of_its_own = ["the robot is virtual", "nothing was driven"];
+    expect(
+        folder.path(),
+        "experiment run --quick --link usb",
+        2,
+        &of_its_own,
+    );
 }
 
 /// The file of a bring-up, in the store that there is.

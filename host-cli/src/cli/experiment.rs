@@ -150,7 +150,10 @@ impl Run {
         let rig = experiment.load_rig().map_err(ExperimentError::from)?;
         // A trial with a virtual robot has a rig of its own, of which nothing is stored.
         let connection = match experiment.robot {
-            SourceConfig::Virtual(_) => None,
+            SourceConfig::Virtual(_) => {
+                refuse_rig(self.link.as_ref())?;
+                None
+            }
             _ => Some(Connection::of_experiment(
                 &experiment,
                 &rig,
@@ -227,6 +230,16 @@ impl Run {
             );
         }
         Ok(Reply::new(text, json!(summary)).with_code(code))
+    }
+}
+
+/// Refuses a rig that exists for a virtual robot, which it would not be driven by.
+fn refuse_rig(link: Option<&LinkChoice>) -> Result<()> {
+    match link {
+        None | Some(LinkChoice::Embedded | LinkChoice::Fast) => Ok(()),
+        Some(link) => Err(Failure::usage(format!(
+            "the robot is virtual, and its trials run on a rig of their own; leave --link {link} out, or name another kind in [robot]; nothing was driven"
+        ))),
     }
 }
 

@@ -5,9 +5,6 @@ use super::{ratio, Context, Effect, EffectKind, Lookalike, Piece, Variant};
 
 pub struct Geometry;
 
-/// End of the label of a form over the angle of the motor.
-const ANGLE: &str = " in the angle";
-
 impl Effect for Geometry {
     fn kind(&self) -> EffectKind {
         EffectKind::Geometry
@@ -27,7 +24,6 @@ impl Effect for Geometry {
             .find(|n| form.label.ends_with(&format!(" in {n}")))
         {
             Some(own) => vec![own.clone()],
-            None if form.label.ends_with(ANGLE) => ctx.position.iter().cloned().collect(),
             None => names.cloned().collect(),
         }
     }
@@ -70,17 +66,6 @@ impl Effect for Geometry {
             out.push(Variant::linear(
                 &format!("share of load, curve in {n}"),
                 vec![load, square],
-            ));
-        }
-        // The lever grows with each layer that a drum winds up. A line by itself is a spring.
-        let angle = ctx.position.as_ref();
-        let angle = angle.filter(|_| ctx.spec.roles.angle.is_some() && ctx.range(l).is_some());
-        if let Some(x) = angle {
-            let per_angle = ratio("1", &ctx.position_unit());
-            let load = Piece::new("per_angle_and_load", per_angle, format!("{x} * {l}"));
-            out.push(Variant::linear(
-                &format!("share of load, line{ANGLE}"),
-                vec![load],
             ));
         }
         if poses.len() > 1 {
