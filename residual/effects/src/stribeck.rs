@@ -86,7 +86,7 @@ impl Effect for Stribeck {
             .adding_to_friction(1)
         };
         let mut out = vec![form("gaussian", "sgn", 2), form("exponential", "sgn", 1)];
-        // The whole of it, at rest too: else the part at rest and the part in motion have two names.
+        // The whole of it, at rest too: else its parts at rest and in motion have two names.
         if !ctx.friction && ctx.rests() {
             out.push(form("gaussian, stays at rest", "held", 2));
             out.push(form("exponential, stays at rest", "held", 1));
