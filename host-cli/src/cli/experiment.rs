@@ -7,7 +7,7 @@ use super::output::{path_json, Output};
 use super::{values, Context};
 use clap::{Args, Subcommand};
 use experiment::{
-    self, paths, plan, report, Attempt, Experiment, ExperimentError, Folder, Options, Shard,
+    self, paths, plan, report, Attempt, Experiment, ExperimentError, Folder, Open, Options, Shard,
     Status, Summary, Watcher, THESIS,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -172,22 +172,21 @@ impl Run {
         };
         let _controlled_stop = context.interrupt.controlled_stop();
         let (failure, count) = (RefCell::new(None), Cell::new(0));
-        let open = || {
-            let connection = connection.as_ref();
-            let missing = || ExperimentError::Unreachable("no rig is named".into());
-            let connection = connection.ok_or_else(missing)?;
-            let link = connection.open_again(&rig, count.replace(count.get() + 1), context);
-            let link = link.map_err(|why| {
-                let error = ExperimentError::Unreachable(why.message.clone());
-                *failure.borrow_mut() = Some(why);
-                error
-            })?;
-            Ok((link, connection.zeroing()))
-        };
+        let open = connection.as_ref().map(|connection| {
+            || {
+                let link = connection.open_again(&rig, count.replace(count.get() + 1), context);
+                let link = link.map_err(|why| {
+                    let error = ExperimentError::Unreachable(why.message.clone());
+                    *failure.borrow_mut() = Some(why);
+                    error
+                })?;
+                Ok((link, connection.zeroing()))
+            }
+        });
         let options = Options {
             shard: self.trial,
             resume: self.resume,
-            open: Some(&open),
+            open: open.as_ref().map(|open| open as &Open<'_>),
             stop: context.interrupt.flag(),
         };
         let mut progress = Progress::new(

@@ -37,7 +37,7 @@ pub use error::ExperimentError;
 pub use file::{Experiment, FileError, THESIS, THESIS_NAME};
 pub use folder::{Attempt, Folder, Status};
 pub use plan::PlanError;
-pub use sequence::{run, Options, Shard, Summary};
+pub use sequence::{run, Open, Options, Shard, Summary};
 pub use trial::{NoopWatcher, Watcher};
 
 #[cfg(test)]

@@ -201,20 +201,18 @@ impl Sequence<'_> {
             }
             let folder = self.folder.attempt(number, attempt);
             folder.begin()?;
-            let (done, by_other) = self.attempt(&trial, &folder, tamper(number, attempt))?;
+            let done = self.attempt(&trial, &folder, tamper(number, attempt))?;
             let (status, reason) = (done.status, done.reason.clone().unwrap_or_default());
             summary.attempts.push(done);
-            if by_other {
-                summary.stopped = Some(reason);
-                return Ok(());
-            }
             match status {
                 Status::Good => {
                     summary.good.push(number);
                     return Ok(());
                 }
                 Status::BrokenOff => {
-                    summary.interrupted = true;
+                    // Who did not end it here stopped the rig from elsewhere.
+                    summary.interrupted = self.options.stop.load(Ordering::Relaxed);
+                    summary.stopped = (!summary.interrupted).then_some(reason);
                     return Ok(());
                 }
                 Status::OutsideGates | Status::Stopped => self.watcher.notice(&format!(
@@ -230,7 +228,7 @@ impl Sequence<'_> {
         trial: &Trial,
         folder: &AttemptFolder,
         tamper: Option<Tamper>,
-    ) -> Result<(Attempt, bool), ExperimentError> {
+    ) -> Result<Attempt, ExperimentError> {
         let started_utc = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
         let began = Instant::now();
         let chips = derive(
@@ -259,14 +257,12 @@ impl Sequence<'_> {
             seeds.insert("trajectory".to_owned(), seed);
         }
         let attempt = self.conclude(&shown, trial, folder, started_utc);
-        let by_other = matches!(shown.ending, Ending::ByOther(_));
-        let attempt = folder.conclude(Attempt {
+        folder.conclude(Attempt {
             wall_s: began.elapsed().as_secs_f64(),
             seeds,
             link: name,
             ..attempt
-        })?;
-        Ok((attempt, by_other))
+        })
     }
 
     fn conclude(

@@ -202,14 +202,14 @@ impl Report {
     /// That much of the target stands at the end of its range and is fitted as it is.
     fn clipped(&self) -> Option<String> {
         let mut all = self.hygiene.iter();
-        let f = all.find(|f| f.check == CLIPPING && f.what.ends_with(REPORTED_ONLY))?;
+        let f = all.find(|f| f.check == CLIPPING)?;
+        let what = f.what.strip_suffix(&format!(": {REPORTED_ONLY}"))?;
         let share = f.count as f64 / self.rows.max(1) as f64;
         (share > LOST).then(|| {
             format!(
-                "{} of the rows have the {}: what acts there is not in the target, and effects that are missed or too small follow; \
+                "{} of the rows have the {what}: what acts there is not in the target, and effects that are missed or too small follow; \
                  hygiene.clipping = \"drop\" leaves these rows out",
-                percent(share),
-                f.what
+                percent(share)
             )
         })
     }
