@@ -557,6 +557,43 @@ mod tests {
     }
 
     #[test]
+    fn what_a_file_and_a_range_do_to_the_target_is_said_first() {
+        let mut report = clear();
+        let finding = |check: &str, count: usize, what: &str| Finding {
+            check: check.into(),
+            count,
+            first: "whole record".into(),
+            what: what.into(),
+        };
+        let few = finding(FEW_ROWS, 9, "few rows carry the error");
+        let other = finding(OTHER_UNIT, 100, "in b.csv column `y` spreads over 3000 N");
+        report.hygiene = vec![few.clone(), other];
+        says(&report, "In b.csv column `y` spreads", "effect partly");
+        // The rows of that file are no spikes.
+        assert!(!report.summary().contains("carry the error"));
+        report.hygiene = vec![few];
+        says(&report, "Few rows carry the error.", "effect partly");
+        let stuck = |count: usize, done: &str| {
+            let what = format!("target stuck at 1.200, the end of its range: {done}");
+            vec![finding(CLIPPING, count, &what)]
+        };
+        let many = report.rows / 10;
+        report.hygiene = stuck(many, REPORTED_ONLY);
+        says(
+            &report,
+            "10.0 % of the rows have the target stuck at 1.200, the end of its range: what acts",
+            "effect partly",
+        );
+        for harmless in [
+            stuck(report.rows / 200, REPORTED_ONLY),
+            stuck(many, "left out of the fit"),
+        ] {
+            report.hygiene = harmless;
+            assert!(report.is_whole() && !report.summary().contains("stuck"));
+        }
+    }
+
+    #[test]
     fn an_effect_is_graded_by_itself() {
         let mut report = clear();
         report.verdict = Verdict::Unknown;

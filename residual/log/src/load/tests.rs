@@ -873,3 +873,73 @@ fn a_motion_that_repeats_is_held_out_in_all_passes() {
     let other = log(7000.0);
     assert_eq!((other.groups(), noted(&other)), (30, false));
 }
+
+/// The slope of an angle in degrees is held against a speed in radians.
+#[test]
+fn a_speed_in_another_unit_than_the_angle_is_held_against_it() {
+    let told = |unit: &str| {
+        let folder = Folder::new();
+        for run in 0..2usize {
+            let mut text = "t,y,c,x,v\n".to_string();
+            for i in 0..300usize {
+                let t = 0.01 * i as f64;
+                let (x, v) = (100.0 * (3.0 * t).sin(), 300.0 * (3.0 * t).cos());
+                text += &format!("{t},{},0,{x},{v}\n", noise(i, run));
+            }
+            folder.put(&format!("{run}.csv"), &text);
+        }
+        let velocity = format!("velocity = {{ column = \"v\", unit = \"{unit}\" }}\nangle =");
+        let angle = ANGLE.replace("rad", "deg").replace("angle =", &velocity);
+        let data = folder.load(&MODEL.replace("[[terms]]", &angle)).unwrap();
+        finding(&data, "speed against angle").map(|f| f.what.clone())
+    };
+    assert_eq!(told("deg/s"), None);
+    let what = told("rad/s").unwrap();
+    assert!(what.contains("is 0.01745 times"), "{what}");
+    // Of a unit that is not known nothing is said.
+    assert_eq!(told("counts/s"), None);
+}
+
+/// Rows at rest repeat all that they have; a target that holds its values is told all the same.
+#[test]
+fn a_held_target_is_told_beside_rows_at_rest() {
+    let folder = Folder::new();
+    for run in 0..2usize {
+        let mut text = "t,y,c\n".to_string();
+        for i in 0..2000usize {
+            // A tenth of the time nothing moves.
+            let moving = i - (i % 1000).saturating_sub(900);
+            let command = (0.01 * moving as f64).sin();
+            text += &format!(
+                "{},{},{command}\n",
+                0.01 * i as f64,
+                5.0 * noise(i / 5, run)
+            );
+        }
+        folder.put(&format!("{run}.csv"), &text);
+    }
+    let data = folder.load(MODEL).unwrap();
+    let held = finding(&data, "held target").unwrap();
+    assert!(held.what.contains("for 5 rows"), "{held:?}");
+    assert!(finding(&data, "repeat").is_none());
+}
+
+/// Two screws that turn on are alike in that alone.
+#[test]
+fn screws_that_turn_on_repeat_no_motion() {
+    let load = |own: f64| {
+        let folder = Folder::new();
+        for run in 0..4usize {
+            let mut text = "t,y,c,x\n".to_string();
+            for i in 0..600usize {
+                let t = 0.01 * i as f64;
+                let x = 10.0 * t + 0.3 * ((2.0 + own * run as f64) * t).sin();
+                text += &format!("{t},{},0,{x}\n", noise(i, run));
+            }
+            folder.put(&format!("{run}.csv"), &text);
+        }
+        let data = folder.load(&MODEL.replace("[[terms]]", ANGLE)).unwrap();
+        finding(&data, "repeated motion").is_some()
+    };
+    assert!(!load(0.7) && load(0.0));
+}
