@@ -1,6 +1,7 @@
 //! Verdicts on what is left where no effect is named.
 
 use crate::noise::Noise;
+use crate::rig::{simulate, Excitation};
 use residual::{analyse, spec::Spec, Data, Report, Verdict};
 
 const ROWS: usize = 1500;
@@ -107,4 +108,42 @@ fn noise_is_none_and_its_colour_and_growth_are_told() {
     assert!(!growing.summary().contains("not white"));
     let note = growing.hygiene.iter().find(|f| f.check == "noise");
     assert!(note.is_some_and(|f| f.what.contains("grows with the load")));
+}
+
+/// Friction that falls after each start is in no catalogue. Beside it a share of the load is better
+/// than plain friction by less than what is left: these data do not tell the two.
+#[test]
+fn a_name_that_is_better_by_less_than_what_is_left_is_not_told_from_a_simpler_one() {
+    let after_start = |size: f64| {
+        let stops = Excitation {
+            stops: true,
+            ..Excitation::default()
+        };
+        let (mut since, mut moving) = (0.0, false);
+        let report = simulate(&stops, 1.0, &mut |s| {
+            if s.first || (s.velocity != 0.0) != moving {
+                (since, moving) = (0.0, s.velocity != 0.0);
+            }
+            since += s.dt;
+            let friction = 0.5 + 0.07 * s.command + size * f64::exp(-since / 0.3);
+            if moving {
+                -s.velocity.signum() * friction
+            } else {
+                0.0
+            }
+        });
+        let name = report.effects[0].name.as_str();
+        assert_eq!(name, "load_dependent_coulomb", "{}", report.summary());
+        report
+    };
+    let report = after_start(1.0);
+    let groups: Vec<Vec<&str>> = (report.not_identifiable.iter())
+        .map(|group| group.effects.iter().map(|e| e.as_str()).collect())
+        .collect();
+    let behind = report.effects[0].rival.as_ref().unwrap().behind;
+    assert!(behind < report.structure[0].gain, "{}", report.summary());
+    assert_eq!(groups, [["load_dependent_coulomb", "coulomb"]]);
+    // Without it nothing is left, and the share is certain.
+    let report = after_start(0.0);
+    assert!(report.not_identifiable.is_empty(), "{}", report.summary());
 }
