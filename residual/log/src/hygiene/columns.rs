@@ -217,6 +217,7 @@ fn other_unit(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mut Finding
     if of_file.len() <= FEWEST_OTHERS {
         return;
     }
+    let stride = (frame.len() / COMPARED_ROWS).max(1);
     let (mut seen, mut rows): (Vec<String>, BTreeMap<usize, usize>) = Default::default();
     let measured = roles.all().into_iter();
     for (name, column) in measured.filter(|(n, _)| n != "time" && !roles.groups.contains_key(n)) {
@@ -224,8 +225,8 @@ fn other_unit(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mut Finding
             continue;
         };
         let spread = |parts: &Vec<Range<usize>>| {
-            let mut own: Vec<f64> = parts.iter().flat_map(|r| x[r.clone()].to_vec()).collect();
-            own.retain(|v| v.is_finite());
+            let rows = parts.iter().flat_map(|r| r.clone().step_by(stride));
+            let mut own: Vec<f64> = rows.map(|i| x[i]).filter(|v| v.is_finite()).collect();
             own.sort_by(f64::total_cmp);
             stats::quantile_sorted(&own, 0.95) - stats::quantile_sorted(&own, 0.05)
         };
@@ -311,7 +312,7 @@ fn made_of_speed(frame: &Frame, log: &mut Findings) {
 /// other.
 const ALIKE: f64 = 0.99999;
 
-/// Rows of which two columns are compared.
+/// Rows of which columns are compared.
 const COMPARED_ROWS: usize = 20_000;
 
 /// Notes inputs that are alike, in time, size and all but scale and offset.
