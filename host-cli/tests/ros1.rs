@@ -8,8 +8,10 @@
 use experiment::{self, Experiment, Options, Status, Summary};
 use experiment::{table::Table, NoopWatcher};
 use recording::merge::{merge, Merge};
-use rig::Rig;
+use rig::{LinkChoice, Rig};
 use ros::{Process, Ros};
+use run::Zeroing;
+use session::link::{self, EmbeddedOptions};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Instant;
@@ -111,14 +113,19 @@ fn run(ros: &Ros, root: &Path) -> Summary {
     let text = EXPERIMENT.replace("MASTER", &ros.master());
     let experiment = Experiment::parse("ros1.toml", &text).expect("the experiment");
     let rig = Rig::built_in().expect("the built-in rig");
-    experiment::run(
-        &experiment,
-        &rig,
-        root,
-        &Options::default(),
-        &mut NoopWatcher,
-    )
-    .expect("the folder can be written")
+    let open = || {
+        let paced = EmbeddedOptions {
+            paced: true,
+            ..EmbeddedOptions::default()
+        };
+        Ok((link::open(&LinkChoice::Fast, &paced)?, Zeroing::Measure))
+    };
+    let options = Options {
+        open: Some(&open),
+        ..Options::default()
+    };
+    experiment::run(&experiment, &rig, root, &options, &mut NoopWatcher)
+        .expect("the folder can be written")
 }
 
 fn out_of(ros: &Ros, program: &str, arguments: &[&str]) -> String {

@@ -581,7 +581,7 @@ fn what_drives_is_a_setpoint_or_a_current() {
             "Couple (N.m)",
             Some("Consigne (V)"),
         ),
-        ("time,soll,ist\n", "ist", Some("soll")),
+        ("time,Sollwert,Istwert\n", "Istwert", Some("Sollwert")),
         (
             "t,Motor Current (mA),Axial Force (N)\n",
             "Axial Force (N)",
