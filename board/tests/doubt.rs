@@ -176,6 +176,44 @@ fn a_motor_that_does_not_let_go_loses_its_power() {
     }
 }
 
+/// A reel with much friction holds a cable at 0 V: what is declared of it is no output that is
+/// stuck, neither after a stop nor where the amplifiers' power waits for rest. More than that is.
+#[test]
+fn what_the_declared_friction_holds_at_0_v_is_not_an_output_that_is_stuck() {
+    for unit in 0..6 {
+        for (coulomb_un, left_n, stuck) in [
+            (909_000, 3.5, true),
+            (2_409_000, 3.5, false),
+            (2_409_000, 4.5, true),
+        ] {
+            let config = wire::message::UnitConfig {
+                coulomb_un,
+                // This bench's drives have no friction to make up for.
+                friction_feedforward: false,
+                ..Config::nominal()
+            };
+            let mut bench = Bench::ready_with(config);
+            bench.done(Command::Arm);
+            hold(&mut bench, 6_000_000, 400);
+            assert_eq!(bench.machine.system(), SystemState::Running);
+            bench.cell_n[unit] = Some(left_n);
+            bench.done(Command::Stop);
+            bench.run(LET_GO_US / 1_000 + 20);
+            let case = format!("unit {unit}, {coulomb_un} uN declared, {left_n} N left");
+            assert_eq!(bench.machine.withholds_alive(), stuck, "{case}");
+            let cleared = bench.ask(0, Command::ClearFaults);
+            bench.run(20);
+            assert_eq!(
+                bench.machine.withholds_alive(),
+                stuck,
+                "{case}: {cleared:?}"
+            );
+            let armed = bench.ask(0, Command::Arm);
+            assert_eq!(armed == Some(Response::Done), !stuck, "{case}: {armed:?}");
+        }
+    }
+}
+
 /// Words that reach the wrong DAC pull a cable that has let go already.
 #[test]
 fn a_faulted_unit_that_is_pulled_again_loses_its_power() {

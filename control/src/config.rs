@@ -390,6 +390,22 @@ impl Config {
         self.friction.least(command)
     }
 
+    /// Tension that the cable must come down to once its motor is at 0 V
+    /// ([`let_go`](crate::let_go::let_go)).
+    #[must_use]
+    pub fn let_go(&self) -> Newton {
+        crate::let_go::let_go(self.friction.most(Newton::ZERO))
+    }
+
+    /// Swing of tension less command that the resting reel can hold, at the largest tension:
+    /// friction changes sides ([`crate::supervisor::still_swing`]).
+    #[must_use]
+    pub fn still_swing(&self) -> Newton {
+        let largest = Newton::from_un(self.wire.tension_max_un);
+        let sides = (self.friction.most(largest)).saturating_sub(self.friction.least(largest));
+        crate::supervisor::still_swing(sides)
+    }
+
     /// Whether this unit takes part.
     #[must_use]
     pub const fn enabled(&self) -> bool {

@@ -131,7 +131,7 @@ faults! {
         detail: "bits 7 to 0: number of the counter, from 1; bit 8 set: registers lost after the start";
     /// 0 V has no effect.
     OutputStuck = 15, Board, "0 V has no effect",
-        meaning: "A motor was switched to 0 V, and its cable did not let go, or its reel wound in; or a motor gave its reel more speed than its whole command could: the DAC, its select wire or the amplifier does not follow. All DACs are held at 0 V by RST, and the alive line is withheld, so that the PLC removes the amplifiers' power. A motor that had no force before (its amplifier is off) and a reel that is wound in by hand against 2 N look the same.",
+        meaning: "A motor was switched to 0 V, and its cable did not let go, or its reel wound in; or a motor gave its reel more speed than its whole command could: the DAC, its select wire or the amplifier does not follow. All DACs are held at 0 V by RST, and the alive line is withheld, so that the PLC removes the amplifiers' power. A motor that had no force before (its amplifier is off), a reel that is wound in by hand against 2 N and one whose friction holds 1.6 times what the rig file declares look the same.",
         way_out: "Switch the amplifiers' supply off. Check the DAC's select wire, its supply and the amplifier. Then clear.",
         detail: "bits 31 to 24: unit, from 1; bits 23 to 0: tension that is left, in millinewton (0xFFFFFF: its load cell does not measure, or the reel's speed showed it)";
     /// Force at the tip above its limit.

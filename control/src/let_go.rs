@@ -24,23 +24,41 @@ use crate::plausible::milli;
 use crate::units::{EncoderCounts, Micros, Newton};
 use wire::UnitIndex;
 
-/// Tension that a cable must come down to after 0 V: what the friction of a reel at rest holds, 1.1
-/// N, and a margin.
+/// Tension that a cable must come down to after 0 V, where no more friction is declared than that
+/// of the example rig: what it holds at rest, 1.1 N, and a margin.
 pub const LET_GO: Newton = Newton::from_un(1_700_000);
 
-/// Tension from which letting go is told from holding on.
-const HELD: Newton = Newton::from_un(2_000_000);
+/// The same over what the declared friction holds at 0 V, times 32: [`LET_GO`] over the 1.064 N of
+/// the example rig. Its share of the load, breakaway and what the robot's motion adds grow with
+/// it: a reel with 1.85 N declared was seen to hold 2.84 N.
+const LET_GO_SHARE_Q5: i32 = 51;
 
-/// Encoder counts that a reel pays out at least when a cable of [`HELD`] lets go: 5 are 21 um, half
+/// How far above [`let_go`] letting go is told from holding on.
+const HELD_BEYOND: Newton = Newton::from_un(300_000);
+
+/// Tension that a cable must come down to after 0 V, from what its reel's declared friction holds
+/// then.
+#[must_use]
+pub fn let_go(friction: Newton) -> Newton {
+    let declared = i64::from(friction.to_bits()) * i64::from(LET_GO_SHARE_Q5);
+    LET_GO.max(Newton::from_wide(declared >> 5))
+}
+
+/// Tension from which letting go is told from holding on, by the unit's [`let_go`].
+const fn held(let_go: Newton) -> Newton {
+    let_go.saturating_add(HELD_BEYOND)
+}
+
+/// Encoder counts that a reel pays out at least when a cable of [`held`] lets go: 5 are 21 um, half
 /// of what a stiff cable of 24 N/mm gives back between 2 and 1.1 N.
 const LET_GO_COUNTS: i32 = 5;
 
-/// Cable wound in, in nanometres, while the tension stays at [`HELD`] or above, that a motor at 0 V
+/// Cable wound in, in nanometres, while the tension stays at [`held`] or above, that a motor at 0 V
 /// does not take up: ten counts. A weight that is hung on a cable or a robot that moves away lets
 /// the reel pay out; a hand that turns it does wind in.
 const PULLED_NM: i32 = 42_000;
 
-/// How fast cable that was wound in below [`HELD`] is forgotten: 1/16 a sample, 50 ms.
+/// How fast cable that was wound in below [`held`] is forgotten: 1/16 a sample, 50 ms.
 const WOUND_IN_SHIFT: u32 = 4;
 
 /// Time after 0 V in which a reel that was winding in comes to rest, in milliseconds: from 50 mm/s
@@ -74,9 +92,12 @@ const SETTLING_TRAVELS: u8 = 2;
 /// the emulated rig.
 pub const TRIAL_MS: u16 = 300;
 
-/// Samples in a row in [`TRIAL_MS`] with [`HELD`] more than before, 12.5 ms: what the converter's
-/// filter takes.
+/// Samples in a row in [`TRIAL_MS`] with [`TIGHTER`] more than before, 12.5 ms: what the
+/// converter's filter takes.
 const TIGHTER_SAMPLES: u8 = 4;
+
+/// Tension in [`TRIAL_MS`] above the least since then that an output which is stuck makes.
+const TIGHTER: Newton = Newton::from_un(2_000_000);
 
 /// Calls of [`LetGo::turned`], a millisecond apart, that make a travel of a nominal sample.
 const TURNS_PER_TRAVEL: u8 = 3;
@@ -92,6 +113,8 @@ pub struct Released {
     pub missed: bool,
     /// Filtered cable tension.
     pub tension: Newton,
+    /// What it must come down to: [`let_go`] of the unit.
+    pub let_go: Newton,
     /// Other motors of the board are driven.
     pub others_drive: bool,
     /// A zero is being measured, or was refused: nothing may drive this motor.
@@ -112,7 +135,7 @@ pub struct LetGo {
     doubted: bool,
     /// It was driven since the configuration was put in force.
     was_driven: bool,
-    /// Cable wound in since the tension was below [`HELD`], and shortly before, nanometres.
+    /// Cable wound in since the tension was below [`held`], and shortly before, nanometres.
     wound_in_nm: i32,
     reel: Reel,
     /// Travels of the last two samples without force, the older first.
@@ -203,12 +226,12 @@ impl LetGo {
         };
     }
 
-    /// 0 V was written. Starts the watch where the unit was driven with enough tension to see it
-    /// go.
-    pub fn switched_off(&mut self, now: Micros) {
+    /// 0 V was written. Starts the watch where the unit was driven with enough tension to see it go
+    /// below its [`let_go`].
+    pub fn switched_off(&mut self, now: Micros, let_go: Newton) {
         if let Some((at, tension)) = self.last.take() {
             self.reel = Reel::default();
-            if tension >= HELD {
+            if tension >= held(let_go) {
                 self.waiting = Some(Waiting {
                     since: now,
                     at,
@@ -221,7 +244,7 @@ impl LetGo {
 
     /// A sample of a unit that is not driven. While other motors are driven, a word that reaches
     /// the wrong DAC can pull this cable again after it let go. A robot cannot: a reel at 0 V pays
-    /// out at less than [`LET_GO`]. With every motor at 0 V an output that is stuck pulls when the
+    /// out at less than [`let_go`]. With every motor at 0 V an output that is stuck pulls when the
     /// power comes back, or one that fails now: that winds the reel in. It counts once the unit was
     /// driven with this configuration: other electronics may drive the motors of a board that only
     /// measures.
@@ -229,7 +252,8 @@ impl LetGo {
         let believed = !self.doubted;
         self.blind &= !believed;
         // The load cell's filters show a pull some 15 ms after the reel has made it.
-        let kept_nm = if sample.tension < HELD {
+        let held = held(sample.let_go);
+        let kept_nm = if sample.tension < held {
             self.wound_in_nm.max(0) - (self.wound_in_nm.max(0) >> WOUND_IN_SHIFT)
         } else {
             self.wound_in_nm
@@ -241,11 +265,11 @@ impl LetGo {
         if let Some(waiting) = &mut self.waiting {
             if believed || waiting.again {
                 waiting.tension = Some(sample.tension);
-                if sample.tension < LET_GO {
+                if sample.tension < sample.let_go {
                     self.waiting = None;
                 }
             }
-        } else if pulled && sample.tension >= HELD {
+        } else if pulled && sample.tension >= held {
             self.waiting = Some(Waiting {
                 since: now,
                 at: sample.counts,
@@ -257,7 +281,7 @@ impl LetGo {
         if let Some(trial) = &mut self.trial {
             let least = trial.least.get_or_insert(sample.tension);
             *least = (*least).min(sample.tension);
-            trial.tighter = if sample.tension.saturating_sub(*least) >= HELD {
+            trial.tighter = if sample.tension.saturating_sub(*least) >= TIGHTER {
                 trial.tighter.saturating_add(1)
             } else {
                 0
@@ -378,8 +402,8 @@ impl LetGo {
 
     /// Whether the cable has not let go, with this tension now.
     #[must_use]
-    pub fn holds(&self, tension: Newton) -> bool {
-        self.waiting.is_some() && tension >= LET_GO
+    pub fn holds(&self, tension: Newton, let_go: Newton) -> bool {
+        self.waiting.is_some() && tension >= let_go
     }
 
     /// Ends the watch.

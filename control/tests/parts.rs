@@ -687,10 +687,26 @@ fn geometry_follows_the_thesis() {
 
 #[test]
 fn an_encoder_that_stands_while_the_tension_leaves_the_command_is_found() {
-    let see = |watch: &mut EncoderWatch, at: i64, tension_n: f64, command_n: f64, spike: bool| {
+    let with_friction = |coulomb_un| {
+        let wire = wire::message::UnitConfig {
+            coulomb_un,
+            ..Config::nominal()
+        };
+        Config::from_wire(&wire).unwrap()
+    };
+    let declared = with_friction(Config::nominal().coulomb_un);
+    let observe = |config: &Config,
+                   watch: &mut EncoderWatch,
+                   at: i64,
+                   tension_n: f64,
+                   command_n: f64,
+                   spike: bool| {
         let newton = |n: f64| control::Newton::from_un((n * 1e6) as i32);
         let (tension, command) = (newton(tension_n), newton(command_n));
-        watch.observe(control::EncoderCounts(at), tension, command, spike)
+        watch.observe(config, control::EncoderCounts(at), tension, command, spike)
+    };
+    let see = |watch: &mut EncoderWatch, at: i64, tension_n: f64, command_n: f64, spike: bool| {
+        observe(&declared, watch, at, tension_n, command_n, spike)
     };
     // A resting reel: tension less command stays within twice the friction.
     let mut watch = EncoderWatch::default();
@@ -723,6 +739,17 @@ fn an_encoder_that_stands_while_the_tension_leaves_the_command_is_found() {
         swing = see(&mut watch, 7, 10.0, 6.0, false);
     }
     assert_eq!(swing.map(|s| s.to_un()), Some(7_000_000));
+    // A reel whose declared friction holds that swing, and one that is beyond its friction too.
+    let more = with_friction(2_400_000);
+    for (tension_n, found) in [(10.0, None), (12.5, Some(9_500_000))] {
+        let mut watch = EncoderWatch::default();
+        assert_eq!(observe(&more, &mut watch, 7, 3.0, 6.0, false), None);
+        let mut swing = None;
+        for _ in 0..8 {
+            swing = observe(&more, &mut watch, 7, tension_n, 6.0, false);
+        }
+        assert_eq!(swing.map(|s| s.to_un()), found);
+    }
     // A tension that is held back as a spike is no tension, nor are the next ones; a reel that was
     // elsewhere meanwhile begins anew.
     let mut watch = EncoderWatch::default();
@@ -735,6 +762,37 @@ fn an_encoder_that_stands_while_the_tension_leaves_the_command_is_found() {
     }
 }
 
+/// The limits of the example rig stay, and grow with the declared friction.
+#[test]
+fn what_a_resting_reel_may_hold_follows_the_declared_friction() {
+    let limits = |coulomb_n: f64, tension_max_n: f64| {
+        let wire = wire::message::UnitConfig {
+            coulomb_un: (coulomb_n * 1e6) as i32,
+            tension_max_un: (tension_max_n * 1e6) as i32,
+            over_tension_un: 30_000_000,
+            force_limit_un: Config::nominal().force_limit_un,
+            ..Config::nominal()
+        };
+        let config = Config::from_wire(&wire).unwrap();
+        [config.let_go(), config.still_swing()].map(|n| f64::from(n.to_un()) * 1e-6)
+    };
+    assert_eq!(limits(0.909, 12.0), [1.7, 6.0]);
+    assert_eq!(limits(0.0, 12.0), [1.7, 6.0]);
+    // 0.155 N of offset; from one side to the other twice Coulomb's part and that of the load.
+    for (coulomb_n, tension_max_n) in [(1.7, 12.0), (2.4, 12.0), (5.0, 12.0), (2.4, 16.0)] {
+        let exact = [
+            (coulomb_n + 0.155) * 51.0 / 32.0,
+            2.0 * (coulomb_n + 0.154 * tension_max_n) * 34.0 / 32.0,
+        ];
+        for (found, exact) in limits(coulomb_n, tension_max_n).into_iter().zip(exact) {
+            assert!(
+                (found - exact).abs() < 1e-3,
+                "{coulomb_n} N: {found} {exact}"
+            );
+        }
+    }
+}
+
 /// A bit of the memory may make any number of a unit's travel before the check of the configuration
 /// sees it.
 #[test]
@@ -742,7 +800,7 @@ fn any_travel_of_a_count_is_taken_while_a_cable_is_to_let_go() {
     for nm_per_count in [i32::MIN, i32::MAX, 0, -1] {
         let mut watch = LetGo::default();
         watch.driven(EncoderCounts(0), Newton::from_un(6_000_000), Newton::ZERO);
-        watch.switched_off(Micros(0));
+        watch.switched_off(Micros(0), control::let_go::LET_GO);
         watch.blind();
         watch.turned(EncoderCounts(5), nm_per_count);
         watch.turned(EncoderCounts(-5), nm_per_count);

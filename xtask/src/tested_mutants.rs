@@ -7,7 +7,7 @@ use crate::mutants::{mutants, Mutant};
 mutants! { TESTED:
     "released-after-one-tick": "board/src/machine/mod.rs", "pub const AT_REST_MS: u8 = 10;" => "pub const AT_REST_MS: u8 = 1;";
     "unrest-five-seconds": "board/src/machine/mod.rs", "pub const UNREST_MS: u16 = 500;" => "pub const UNREST_MS: u16 = 5_000;";
-    "rest-ignores-negative": "board/src/machine/mod.rs", "(NEGATIVE..LET_GO).contains(&tension)" => "(tension < LET_GO)";
+    "rest-ignores-negative": "board/src/machine/mod.rs", "(NEGATIVE..let_go).contains(&tension)" => "(tension < let_go)";
     "zeroed-survives-new-zero": "board/src/machine/mod.rs", "unit.zeroed &= config.wire().zero_code == unit.config.wire().zero_code;" => "";
     "bring-up-keeps-power": "board/src/machine/mod.rs", "                    self.released = false;\n                    unit.sensor_up = false;" => "                    unit.sensor_up = false;";
     "arm-without-power": "board/src/machine/mod.rs", "enabled.all(Unit::usable) && self.released;" => "enabled.all(Unit::usable);";
@@ -28,7 +28,10 @@ mutants! { TESTED:
     "again-ends-by-encoder": "control/src/let_go.rs", "            !waiting.again && travel" => "            travel";
     "forget-forgets-driven": "control/src/let_go.rs", "            was_driven: self.was_driven,\n            trial" => "            trial";
     "wound-in-kept-for-ever": "control/src/let_go.rs", "self.wound_in_nm.max(0) - (self.wound_in_nm.max(0) >> WOUND_IN_SHIFT)" => "self.wound_in_nm.max(0)";
-    "held-4-n": "control/src/let_go.rs", "const HELD: Newton = Newton::from_un(2_000_000);" => "const HELD: Newton = Newton::from_un(4_000_000);";
+    "let-go-without-friction": "control/src/let_go.rs", "LET_GO.max(Newton::from_wide(declared >> 5))" => "LET_GO";
+    "let-go-share-twofold": "control/src/let_go.rs", "const LET_GO_SHARE_Q5: i32 = 51;" => "const LET_GO_SHARE_Q5: i32 = 102;";
+    "still-swing-without-friction": "control/src/supervisor.rs", "STILL_SWING.max(beyond)" => "STILL_SWING";
+    "held-4-n": "control/src/let_go.rs", "const HELD_BEYOND: Newton = Newton::from_un(300_000);" => "const HELD_BEYOND: Newton = Newton::from_un(2_300_000);";
     "stale-sample-accepted": "board/src/machine/sampling.rs", "if slot.came_up.take().is_none() {" => "if slot.came_up.take().is_none() && false {";
     "zero-of-staged-lost": "board/src/machine/sampling.rs", "slot.staged = slot.staged.map(|staged| staged.with_zero(zero));" => "";
     "unit-fault-drives-on": "board/src/machine/sampling.rs", "_ if self.latch.is_set() || slot.latch.is_set() => Drive::Off," => "_ if self.latch.is_set() => Drive::Off,";

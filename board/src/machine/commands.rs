@@ -228,10 +228,7 @@ impl Machine {
     fn clear_faults(&mut self, fx: &mut impl Effects) -> Result<(), CommandError> {
         let estop_open = !self.estop_closed;
         let register_changed = self.register_changed;
-        let still_held = self
-            .units
-            .iter()
-            .any(|unit| unit.sensor_up && unit.let_go.holds(unit.control.tension()));
+        let still_held = self.units.iter().any(Unit::holds_on);
         let board = self.latch.clear(|fault| match fault {
             Fault::EStop => estop_open,
             // Detected once at boot: a counter that does not respond needs a repair and a restart.
@@ -245,7 +242,7 @@ impl Machine {
         }
         // A cable that is still held latches the fault again with the next millisecond.
         for unit in &mut self.units {
-            if !(unit.sensor_up && unit.let_go.holds(unit.control.tension())) {
+            if !unit.holds_on() {
                 unit.let_go.forget();
             }
             let limit = unit.config.over_tension(unit.tripped_driven);

@@ -22,7 +22,7 @@ mod supervision;
 pub use sampling::PendingSample;
 
 use control::faults::Latch;
-use control::let_go::{LetGo, LET_GO};
+use control::let_go::LetGo;
 use control::motor;
 use control::plausible::{milli, Watch, NEGATIVE};
 use control::supervisor::{EncoderWatch, Expiry, Rate};
@@ -191,14 +191,21 @@ impl Unit {
             )
     }
 
+    /// Whether the cable has not let go since its motor is at 0 V.
+    fn holds_on(&self) -> bool {
+        let tension = self.control.tension();
+        self.sensor_up && self.let_go.holds(tension, self.config.let_go())
+    }
+
     /// Whether the load cell reads what it may with the motor at 0 V: a slack cable, or one that
     /// friction of the reel holds. Before a zero is measured, what a zero may be. Otherwise the
     /// fault that it is.
     fn at_rest(&self) -> Result<(), (Fault, u32)> {
         let tension = self.control.tension();
         if self.zeroed {
-            let above = u32::from(tension >= LET_GO) << 31;
-            return if (NEGATIVE..LET_GO).contains(&tension) {
+            let let_go = self.config.let_go();
+            let above = u32::from(tension >= let_go) << 31;
+            return if (NEGATIVE..let_go).contains(&tension) {
                 Ok(())
             } else {
                 Err((Fault::Implausible, milli(tension) | above))

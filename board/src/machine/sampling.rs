@@ -140,7 +140,7 @@ impl Machine {
         let swing = if drives {
             let spike = output.flags & flags::SPIKE != 0;
             let counts = pending.encoder_counts;
-            (slot.encoder).observe(counts, output.tension, output.command, spike)
+            (slot.encoder).observe(&slot.config, counts, output.tension, output.command, spike)
         } else {
             slot.encoder = EncoderWatch::default();
             None
@@ -151,12 +151,14 @@ impl Machine {
             slot.let_go
                 .driven(pending.encoder_counts, output.tension, least);
         } else {
-            slot.let_go.switched_off(at);
+            let let_go = slot.config.let_go();
+            slot.let_go.switched_off(at, let_go);
             let released = Released {
                 counts: pending.encoder_counts,
                 travel_nm: output.travel_nm,
                 missed: output.flags & flags::MISSED != 0,
                 tension: output.tension,
+                let_go,
                 others_drive,
                 // The first 0.1 mm that its reel turns refuses the zero.
                 zeroing: slot.zero.is_some() || slot.latch.has(Fault::ZeroRefused),

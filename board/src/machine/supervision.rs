@@ -124,7 +124,7 @@ impl Machine {
         // At once, not with the next sample; repeated for each fault.
         for (unit, slot) in UnitIndex::zip(&mut self.units) {
             fx.zero_output(unit);
-            slot.let_go.switched_off(now);
+            slot.let_go.switched_off(now, slot.config.let_go());
         }
         self.advance(Request::None, fx);
     }
@@ -175,7 +175,7 @@ impl Machine {
         }
         slot.zero = None;
         fx.zero_output(unit);
-        slot.let_go.switched_off(now);
+        slot.let_go.switched_off(now, slot.config.let_go());
         // After these faults the load cell cannot tell whether the cable lets go. A swing that the
         // encoder does not show may be the load cell's.
         if matches!(

@@ -218,14 +218,16 @@ impl Bench {
     }
 
     pub fn ready() -> Self {
+        Self::ready_with(Config::nominal())
+    }
+
+    /// With this configuration of each unit.
+    pub fn ready_with(config: wire::message::UnitConfig) -> Self {
         let mut bench = Self::new(None);
         bench.run(5);
         bench.hello(0);
         for unit in 0..UNITS as u8 {
-            bench.done(Command::StageConfig {
-                unit,
-                config: Config::nominal(),
-            });
+            bench.done(Command::StageConfig { unit, config });
         }
         bench.done(Command::CommitConfig);
         bench.run(50);

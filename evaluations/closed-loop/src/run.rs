@@ -31,6 +31,8 @@ pub struct Findings {
     pub surveyed: Option<(f64, f64)>,
     /// What ended the session before, in a word or two; `None`: nothing did.
     pub stopped: Option<&'static str>,
+    /// What broke the comparison off, in words.
+    pub broken_off: Option<String>,
     /// Changed settings.
     pub changed: usize,
     /// Whether the force was held better after.
@@ -54,6 +56,9 @@ impl From<String> for NoFindings {
 
 /// What a message of `forcectl` says where the tension of a unit is implausible.
 const IMPLAUSIBLE: &str = "fault 45, ";
+
+/// What a report says where something else than the pairs ended the comparison.
+const BROKEN_OFF: &str = "the comparison was broken off: ";
 
 /// A number of a report.
 fn number(value: &Value, path: &str) -> Result<f64, String> {
@@ -181,6 +186,9 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
                 "fault 45"
             }
         }),
+        broken_off: (report["left"].as_str())
+            .and_then(|why| why.strip_prefix(BROKEN_OFF))
+            .map(|why| why.split(',').next().unwrap_or(why).to_owned()),
         changed: report["changed"].as_array().map_or(0, Vec::len) + weighed.len(),
         better: report["better"].as_bool().unwrap_or(false),
     })
@@ -219,8 +227,8 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFi
         .env("FORCECTL_STATE_DIR", folder.join("state"))
         .output()
         .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
-    // 6: done, and nothing changed. That is a result.
-    if !matches!(output.status.code(), Some(0 | 6)) {
+    // 6: done, and nothing changed. That is a result, and so is what was found before a fault.
+    if !matches!(output.status.code(), Some(0 | 6)) && !json.exists() {
         let words = String::from_utf8_lossy(&output.stderr);
         let last = words.lines().last().unwrap_or("no message").to_owned();
         if output.status.code() == Some(5) && last.contains(IMPLAUSIBLE) {

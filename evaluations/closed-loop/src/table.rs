@@ -117,10 +117,13 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) ->
         let before = before.map_or_else(stopped, |before| format!("{before:.3}"));
         after.map_or(before.clone(), |after| format!("{before} -> {after:.3}"))
     };
+    let broken_off = findings.broken_off.as_ref();
     let board = match (findings.changed, findings.better) {
-        (0, _) => "nothing to use",
-        (_, true) => "better",
-        (_, false) => "no better, left as it was",
+        (0, _) => "nothing to use".to_owned(),
+        (_, true) => "better".to_owned(),
+        (_, false) => broken_off.map_or("no better, left as it was".to_owned(), |why| {
+            format!("broken off by {why}, left as it was")
+        }),
     };
     let surveyed = findings.surveyed.map_or(String::new(), |(worst, tip)| {
         format!("; after `calibrate geometry` {worst:.3}, {tip:.3}")
@@ -240,6 +243,15 @@ mod tests {
         findings.worst.0 = with_figure;
         findings.better = false;
         assert_eq!(cost(&findings), Some(Cost::Left));
+        let mut broken_off = report.clone();
+        broken_off["better"] = json!(false);
+        broken_off["left"] =
+            json!("the comparison was broken off: fault 15, 0 V has no effect. A motor");
+        let (text, gained) = row(seed, &truth, &Ok(read(&truth, &broken_off).unwrap()));
+        assert!(
+            !gained && text.contains("broken off by fault 15, left"),
+            "{text}"
+        );
         findings.better = true;
         let (text, gained) = row(seed, &truth, &Ok(findings));
         assert!(gained);

@@ -186,14 +186,19 @@ fn outcomes<T: DeserializeOwned>(text: &str) -> Vec<T> {
         .collect()
 }
 
+/// Renames a file to the first of `.old`, `.old2`, `.old3` and so on that is free.
 fn put_aside(path: &Path) -> io::Result<()> {
-    let mut old = path.as_os_str().to_owned();
-    old.push(".old");
+    let mut old = path.with_added_extension("old");
+    let mut number = 1;
+    while old.exists() {
+        number += 1;
+        old = path.with_added_extension(format!("old{number}"));
+    }
     fs::rename(path, &old)?;
     eprintln!(
         "{} has no outcomes of this build of the program: beginning anew, it is kept as {}",
         path.display(),
-        Path::new(&old).display()
+        old.display()
     );
     Ok(())
 }
@@ -245,5 +250,9 @@ mod tests {
         assert_eq!(worked.load(Ordering::Relaxed), 1);
         let old = fs::read_to_string(folder.path().join("outcomes.jsonl.old"));
         assert_eq!(old.expect("kept"), other);
+        // The next one does not take its place.
+        fs::write(&path, &other).expect("written");
+        assert_eq!(run(&[1], "numbers"), Ok(vec![2]));
+        assert!(folder.path().join("outcomes.jsonl.old2").exists());
     }
 }

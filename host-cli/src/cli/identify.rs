@@ -8,7 +8,7 @@ use super::residual::Stages;
 use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
-use identify::{DoubtedCell, Held, Run, Trial, Weighed};
+use identify::{DoubtedCell, Held, Left, Run, Trial, Weighed};
 use rig::{Rig, RigText};
 use run::{Options, RunError};
 use serde_json::Value;
@@ -142,9 +142,20 @@ impl Identify {
         trial.weighed = weighed;
         // From here on Ctrl-C must not leave half a rig file.
         let _controlled_stop = context.interrupt.controlled_stop();
-        trial.compare(&rig, self.pairs.into(), &mut |run| {
+        let compared = trial.compare(&rig, self.pairs.into(), &mut |run| {
             self.hold(context, force_n, run)
-        })?;
+        });
+        if let Err(ended) = compared {
+            // What was found until then is not lost with it.
+            trial.left = Some(Left::BrokenOff(ended.message.clone()));
+            return Err(match self.report(context, &trial, &name) {
+                Ok(reply) => ended.with_reply(reply),
+                Err(unwritten) => {
+                    let both = format!("{}\n{}", unwritten.message, ended.message);
+                    Failure::new(ended.code, both)
+                }
+            });
+        }
         let new = &trial.findings.rewritten.text;
         if let (None, true, Some(path)) = (&trial.left, self.apply && *new != text, path) {
             trial.applied = Some(identify::replace(path, &text, new)?);

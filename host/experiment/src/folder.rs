@@ -265,6 +265,29 @@ impl Folder {
         }
     }
 
+    /// Whether the files of an attempt are those that it wrote.
+    ///
+    /// # Errors
+    /// One of them is not there, can't be read, or has another SHA-256.
+    pub fn check_files(&self, attempt: &Attempt) -> Result<(), ExperimentError> {
+        for (name, written) in &attempt.files {
+            let path = self.root.join(name);
+            let what = match files::sha256(&path) {
+                Ok(hash) if hash == *written => continue,
+                Ok(_) => "is not the file that the trial wrote (another SHA-256)".to_owned(),
+                Err(error) => error.to_string(),
+            };
+            let folder = self.trial(attempt.trial);
+            return Err(ExperimentError::Folder(format!(
+                "{}: {what}; put the file back, or move {} away and do the trial again with \
+                 `forcectl experiment run` and --resume. The other trials are not changed",
+                path.display(),
+                folder.display()
+            )));
+        }
+        Ok(())
+    }
+
     /// The good attempts, a trial after another.
     ///
     /// # Errors

@@ -110,6 +110,7 @@ impl Data {
         let stride = (all as usize).div_ceil(MOST_ROWS).max(1);
         let mut data = Self::default();
         for attempt in card.good() {
+            folder.check_files(attempt)?;
             let table = Table::read(&folder.dataset(attempt.trial))?;
             data.add(&table, stride, experiment.rate_hz);
             let truth = folder.truth(attempt.trial);

@@ -140,6 +140,9 @@ pub(crate) fn run_tampered(
                 if attempts.len() == 1 { "an attempt" } else { "attempts" }
             )));
         }
+        for good in attempts.iter().filter(|a| a.status == Status::Good) {
+            folder.check_files(good)?;
+        }
         before.insert(*trial, attempts);
     }
     let mut summary = Summary {

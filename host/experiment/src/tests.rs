@@ -397,6 +397,24 @@ fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
     }
     // With the rows in their own files, a recording that nobody asked for is gone.
     assert!(!open.attempt(1, 2).recording().exists());
+    // A file that somebody has changed is no ground truth any more.
+    let file = open.dataset(2);
+    let whole = std::fs::read(&file).unwrap();
+    for damaged in [Some(&whole[..whole.len() / 2]), None] {
+        match damaged {
+            Some(bytes) => std::fs::write(&file, bytes).unwrap(),
+            None => std::fs::remove_file(&file).unwrap(),
+        }
+        let resumed = run(&experiment, &rig, root, &again(true), &mut NoopWatcher).unwrap_err();
+        let reported = crate::report::write(&open, &experiment).unwrap_err();
+        for said in [resumed.to_string(), reported.to_string()] {
+            assert!(
+                said.contains("trial-02.parquet") && said.contains("--resume"),
+                "{said}"
+            );
+        }
+    }
+    std::fs::write(&file, &whole).unwrap();
     // Another experiment does not fit into this folder.
     let other = Experiment {
         seed: 2,

@@ -217,6 +217,8 @@ pub enum Left {
     NothingClear,
     /// A fault of a swing ended a session with the findings; of which units, in words.
     NotHeld(String),
+    /// Something else ended the comparison, in words.
+    BrokenOff(String),
     /// The error of a run is zero, infinite or NaN.
     NoError,
     /// The runs of an emulated rig without any scatter decide nothing.
@@ -232,6 +234,7 @@ impl fmt::Display for Left {
                 f.write_str("nothing was found that is clear and that the board can use")
             }
             Self::NotHeld(why) => write!(f, "the force was not held with it to the end: {why}"),
+            Self::BrokenOff(why) => write!(f, "the comparison was broken off: {why}"),
             Self::NoError => f.write_str("a run has no error to compare"),
             Self::Repeats => f.write_str(
                 "this rig repeats a pair of runs to the last digit, so further pairs do not confirm the gain",

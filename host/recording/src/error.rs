@@ -34,6 +34,15 @@ impl RecordError {
         }
     }
 
+    /// A place that is not taken, whatever the disk says.
+    pub(crate) fn refused(path: &Path, cause: &str, advice: &'static str) -> Self {
+        Self {
+            path: path.display().to_string(),
+            cause: cause.to_owned(),
+            advice,
+        }
+    }
+
     /// A file that can't be read.
     pub(crate) fn unreadable(path: &Path, cause: &dyn std::fmt::Display) -> Self {
         Self {

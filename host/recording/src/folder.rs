@@ -13,9 +13,10 @@ use std::path::Path;
 pub(super) fn prepare(folder: &Path) -> Result<(), RecordError> {
     std::fs::create_dir_all(folder).map_err(|error| RecordError::new(folder, &error))?;
     if holds_rows(folder) {
-        return Err(RecordError::new(
+        return Err(RecordError::refused(
             folder,
-            &"it holds a recording already; give another folder",
+            "it holds a recording already",
+            "give another folder",
         ));
     }
     // What a start that failed has left.

@@ -38,9 +38,10 @@ pub fn repair(recording: &Path, to: &Path) -> Result<Repaired, RecordError> {
     let mut reader = Reader::open(&from)?;
     let place = |path: &Path| std::fs::canonicalize(path).ok();
     if place(to).is_some() && place(to) == place(&from) {
-        return Err(RecordError::new(
+        return Err(RecordError::refused(
             to,
-            &"it is the recording itself; give another folder with --out",
+            "it is the recording itself",
+            "give another folder with --out",
         ));
     }
     let failed = |error: &dyn std::fmt::Display| RecordError::new(to, error);

@@ -1,7 +1,7 @@
 //! What has to be true before anything is driven.
 
 use crate::error::{ArgumentError, Fault, Infeasible, RunError};
-use crate::options::{Options, MAX_HOLD_S};
+use crate::options::{Options, MAX_HOLD_S, MIN_HOLD_S};
 use crate::phase::Observer;
 use force::feasibility;
 use force::pose::PoseSource;
@@ -34,7 +34,7 @@ pub(super) fn check_arguments(
 ) -> Result<(), RunError> {
     rig.check_force(options.commanded_n)
         .map_err(ArgumentError::Force)?;
-    if !(options.hold_s.is_finite() && options.hold_s > 0.0 && options.hold_s <= MAX_HOLD_S) {
+    if !(MIN_HOLD_S..=MAX_HOLD_S).contains(&options.hold_s) {
         return Err(ArgumentError::Duration(options.hold_s).into());
     }
     if !options.injections.is_empty() && link.controls().is_none() {

@@ -1,7 +1,7 @@
 //! Why a run could not be done, as data: each cause says its text.
 
 use crate::fault::RunFault;
-use crate::options::MAX_HOLD_S;
+use crate::options::{MAX_HOLD_S, MIN_HOLD_S};
 use force::controller::ControlError;
 use force::feasibility::ZeroOutOfReach;
 use force::pose::PoseError;
@@ -76,7 +76,7 @@ pub enum ArgumentError {
     #[error("{0}")]
     Force(String),
     /// The time for which a force is to be held, s.
-    #[error("a force can't be held for {0} s; give 0.1 to {MAX_HOLD_S}")]
+    #[error("a force can't be held for {0} s; give {MIN_HOLD_S} to {MAX_HOLD_S}")]
     Duration(f64),
     /// Injections into a real rig.
     #[error("nothing can be injected into a real rig; use --link embedded")]

@@ -13,6 +13,9 @@ pub(super) const ROBOT_START_S: f64 = 1.5;
 /// Longest run, s: a day.
 pub(super) const MAX_HOLD_S: f64 = 86_400.0;
 
+/// Shortest time for which a force is held, s: `--duration` of forcectl takes nothing shorter.
+pub(super) const MIN_HOLD_S: f64 = 0.1;
+
 /// What to do in a run.
 #[derive(Debug, Clone)]
 pub struct Options {
