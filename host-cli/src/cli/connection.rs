@@ -14,14 +14,20 @@ use known::ZeroStore;
 use rig::{LinkChoice, Rig};
 use run::Zeroing;
 #[cfg(unix)]
-use service::{self, client::ServiceLink, socket, Client};
+use service::{self, client::ServiceLink, protocol::Welcome, socket, Client};
 use session::link::fast::plant_of;
 use session::link::of_board::OfBoard;
 use session::link::{self, EmbeddedOptions, RigLink};
 use session::Session;
+#[cfg(unix)]
+use std::cell::Cell;
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+/// What the link of a service that has a board begins with.
+#[cfg(unix)]
+const PORT: &str = "port ";
 
 /// Heading of the options that only the embedded rig has.
 pub const EMBEDDED: &str = "Embedded rig";
@@ -52,6 +58,10 @@ pub struct Existing {
     #[cfg(unix)]
     #[arg(skip)]
     service: RefCell<Option<(String, Option<LinkChoice>)>>,
+    /// Process of the service and the stops of others that it had seen, when it was reached first.
+    #[cfg(unix)]
+    #[arg(skip)]
+    stops: Cell<Option<(u32, u64)>>,
     /// Where zeros come from, once the connection is open.
     #[arg(skip)]
     zeroing: RefCell<Zeroing>,
@@ -166,6 +176,13 @@ impl Existing {
         };
         let client = super::serve::connect(service, start.as_ref(), self.rig.as_deref(), context)?;
         let welcome = client.welcome();
+        if let (Some(port), Some(_)) = (start, welcome.seed) {
+            return Err(Failure::usage(format!(
+                "`{service}` is an emulated rig that is kept here under that name ({}), and not the port of --link {port}; \
+                 nothing was done; --link rig:{service} names the rig",
+                welcome.link
+            )));
+        }
         // Chosen among those that are kept: its name may have become a board's meanwhile.
         let chosen = self.link.is_none() && start.is_none() && *service != default_name();
         if chosen && welcome.seed.is_none() {
@@ -180,6 +197,7 @@ impl Existing {
             let rig = Rig::parse(&welcome.rig_file, &welcome.rig_text)?;
             (rig, format!("{} (of the service)", welcome.rig_file))
         };
+        self.stops.set(Some((welcome.pid, welcome.stops)));
         *self.client.borrow_mut() = Some(client);
         *self.service.borrow_mut() = Some((service.clone(), start.clone()));
         Ok(used)
@@ -413,7 +431,11 @@ impl Existing {
         let Some(link) = &self.link else {
             return true;
         };
-        socket.name == name_of(link) || serves(socket, link)
+        // An emulated rig may be kept under the name of a port.
+        let is_port = matches!(link, LinkChoice::Usb | LinkChoice::Serial(_));
+        let emulated = || (socket.holder()).is_some_and(|(_, theirs)| !theirs.starts_with(PORT));
+        let named = socket.name == name_of(link) && !(is_port && emulated());
+        named || serves(socket, link)
     }
 
     /// A connection to the service; `None` where the rig is reached in another way.
@@ -426,7 +448,26 @@ impl Existing {
         let Some((name, start)) = service.as_ref() else {
             return Ok(None);
         };
-        super::serve::connect(name, start.as_ref(), self.rig.as_deref(), context).map(Some)
+        let client = super::serve::connect(name, start.as_ref(), self.rig.as_deref(), context)?;
+        self.require_not_stopped(client.welcome())?;
+        Ok(Some(client))
+    }
+
+    /// Refuses to go on where somebody stopped the rig since the first connection of this command,
+    /// and cleared it: between two sessions nobody of this command was there to see it.
+    #[cfg(unix)]
+    fn require_not_stopped(&self, now: &Welcome) -> Result<()> {
+        let since = |(pid, stops)| pid == now.pid && now.stops > stops;
+        if !self.stops.get().is_some_and(since) {
+            return Ok(());
+        }
+        let who = now.stopped_by.as_deref().unwrap_or("another client");
+        Err(Failure::new(
+            exit::BOARD,
+            format!(
+                "the rig was stopped by {who} since this command began; nothing more is driven"
+            ),
+        ))
     }
 
     /// The client of the service, after [`Existing::load`]; `None` where the rig is reached in
@@ -643,7 +684,7 @@ fn serves(socket: &socket::Socket, link: &LinkChoice) -> bool {
         return false;
     };
     let path = |port: &str| std::fs::canonicalize(port).unwrap_or_else(|_| port.into());
-    path(theirs.trim_start_matches("port ")) == path(port)
+    path(theirs.trim_start_matches(PORT)) == path(port)
 }
 
 /// The folders in which services are looked for, for messages.
@@ -757,6 +798,26 @@ pub fn configure_embedded(session: &mut Session<'_>, rig: &Rig) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_stop_between_two_sessions_of_a_command_ends_it() {
+        let welcome = |pid, stops| Welcome {
+            pid,
+            stops,
+            stopped_by: Some("forcectl stop (process 7)".to_owned()),
+            ..Welcome::default()
+        };
+        let connection = Existing::default();
+        assert!(connection.require_not_stopped(&welcome(3, 5)).is_ok());
+        connection.stops.set(Some((3, 5)));
+        assert!(connection.require_not_stopped(&welcome(3, 5)).is_ok());
+        // The count of another service begins anew.
+        assert!(connection.require_not_stopped(&welcome(4, 6)).is_ok());
+        let stopped = connection.require_not_stopped(&welcome(3, 6)).unwrap_err();
+        assert_eq!(stopped.code, exit::BOARD);
+        assert!(stopped.message.contains("forcectl stop (process 7)"));
+    }
 
     #[test]
     fn the_rig_that_is_kept_is_meant_and_of_several_the_default_one() {

@@ -121,6 +121,7 @@ impl From<ExperimentError> for Failure {
             ExperimentError::Rig(_) => exit::RIG_FILE,
             ExperimentError::Table(_) | ExperimentError::Record(_) => exit::FILE,
             ExperimentError::Link(_) | ExperimentError::Unreachable(_) => exit::LINK,
+            ExperimentError::StoppedElsewhere(_) => exit::BOARD,
         };
         Self::new(code, error)
     }
@@ -176,9 +177,12 @@ impl Run {
             || {
                 let link = connection.open_again(&rig, count.replace(count.get() + 1), context);
                 let link = link.map_err(|why| {
-                    let error = ExperimentError::Unreachable(why.message.clone());
+                    let message = why.message.clone();
+                    if why.code == exit::BOARD {
+                        return ExperimentError::StoppedElsewhere(message);
+                    }
                     *failure.borrow_mut() = Some(why);
-                    error
+                    ExperimentError::Unreachable(message)
                 })?;
                 Ok((link, connection.zeroing()))
             }

@@ -135,8 +135,8 @@ impl Recording {
                 for warning in &merged.warnings {
                     context.output.note(warning);
                 }
-                let code = match merged.joined {
-                    0 => exit::DEGRADED,
+                let code = match (merged.joined, merged.complete) {
+                    (0, _) | (_, false) => exit::DEGRADED,
                     _ => exit::DONE,
                 };
                 let json = serde_json::to_value(&merged)

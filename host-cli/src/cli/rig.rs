@@ -1,8 +1,8 @@
 //! `forcectl rig`: an emulated rig that stays, for many commands and terminals.
 
 use super::connection::check_plant;
-use super::exit::Reply;
 use super::exit::Result;
+use super::exit::{Failure, Reply};
 use super::serve::{self, Listen};
 use super::watch::Watch;
 use super::{values, Context};
@@ -51,6 +51,11 @@ impl Rig {
             .name
             .clone()
             .unwrap_or_else(|| socket::EMBEDDED_NAME.to_owned());
+        if let Some(why) = socket::refusal_of(&name) {
+            return Err(Failure::usage(format!(
+                "a rig can't be kept under the name `{name}`: {why}; give another --name"
+            )));
+        }
         let reserved = serve::reserve(&name)?;
         let tcp = self.listen.tcp()?;
         let _controlled_stop = context.interrupt.controlled_stop();

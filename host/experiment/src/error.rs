@@ -31,4 +31,7 @@ pub enum ExperimentError {
     /// The rig can't be reached; why, in words.
     #[error("{0}")]
     Unreachable(String),
+    /// Somebody stopped the rig between two attempts; who, in words.
+    #[error("{0}")]
+    StoppedElsewhere(String),
 }

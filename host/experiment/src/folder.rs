@@ -311,6 +311,11 @@ impl AttemptFolder {
         make(&self.path)
     }
 
+    /// Removes the folder of an attempt that never began. One that holds something stays.
+    pub fn withdraw(&self) {
+        let _ = std::fs::remove_dir(&self.path);
+    }
+
     /// Its path.
     #[must_use]
     pub fn path(&self) -> &Path {

@@ -193,6 +193,10 @@ pub fn examine(experiment: &Experiment, rig: &Rig, numbers: &[usize]) -> Result<
     let mut walk = Walk {
         examiner: Examiner::new(&rig, &experiment.force)?,
         rig: &rig,
+        resting_m: match &experiment.robot {
+            SourceConfig::Static(robot) => robot.position_m.into(),
+            _ => rig.workspace.center_m,
+        },
         first: None,
         places: 0,
         out_of_reach: 0,
@@ -219,6 +223,9 @@ pub fn examine(experiment: &Experiment, rig: &Rig, numbers: &[usize]) -> Result<
 struct Walk<'a> {
     examiner: Examiner,
     rig: &'a Rig,
+    /// The tip of a robot without a trajectory of its own: where it stands, else the centre of the
+    /// workspace.
+    resting_m: Vector3<f64>,
     first: Option<OutOfReach>,
     places: usize,
     out_of_reach: usize,
@@ -228,10 +235,9 @@ struct Walk<'a> {
 impl Walk<'_> {
     fn examine(&mut self, trial: &Trial, t_s: f64, mount: &Mount) -> Result<(), PlanError> {
         let joints = (trial.trajectory.as_ref()).map_or([0.0; 3], |t| t.at(t_s).position);
-        let center_m = self.rig.workspace.center_m;
         let tip = match trial.trajectory {
             Some(_) => tip_m(joints, mount),
-            None => center_m,
+            None => self.resting_m,
         };
         let commanded_n = trial.profile.at(t_s);
         self.places += 1;

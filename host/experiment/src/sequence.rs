@@ -204,7 +204,14 @@ impl Sequence<'_> {
             }
             let folder = self.folder.attempt(number, attempt);
             folder.begin()?;
-            let done = self.attempt(&trial, &folder, tamper(number, attempt))?;
+            let done = match self.attempt(&trial, &folder, tamper(number, attempt)) {
+                Err(ExperimentError::StoppedElsewhere(who)) => {
+                    folder.withdraw();
+                    summary.stopped = Some(who);
+                    return Ok(());
+                }
+                done => done?,
+            };
             let (status, reason) = (done.status, done.reason.clone().unwrap_or_default());
             summary.attempts.push(done);
             match status {

@@ -565,7 +565,7 @@ fn a_stop_ends_the_experiment() {
     let experiment = Experiment {
         trials: 2,
         robot: SourceConfig::Static(StaticConfig {
-            position_m: [0.0, 0.0, 0.0],
+            position_m: [-0.08, 0.025, -0.14],
         }),
         ..short(4.0)
     };
@@ -595,6 +595,35 @@ fn a_stop_ends_the_experiment() {
         "{said}"
     );
     assert_eq!((summary.left, summary.interrupted), (vec![1, 2], false));
+    // Stopped and cleared between two attempts: the next one never begins.
+    let between = || {
+        let who = "the rig was stopped by a person".to_owned();
+        Err(crate::ExperimentError::StoppedElsewhere(who))
+    };
+    let options = Options {
+        open: Some(&between),
+        ..Options::default()
+    };
+    let root_c = root.join("c");
+    let summary = crate::run(&experiment, &rig, &root_c, &options, &mut NoopWatcher).unwrap();
+    assert_eq!(
+        summary.stopped.as_deref(),
+        Some("the rig was stopped by a person")
+    );
+    assert!(summary.attempts.is_empty() && summary.left == [1, 2]);
+    assert!(!root_c.join("trials/trial-01/attempt-1").exists());
+    // A robot that stands where no cable reaches is refused before anything is driven.
+    let outside = Experiment {
+        robot: SourceConfig::Static(StaticConfig {
+            position_m: [0.0, 0.0, 0.0],
+        }),
+        ..experiment.clone()
+    };
+    let refused = crate::run(&outside, &rig, &root.join("d"), &options, &mut NoopWatcher);
+    assert!(refused
+        .unwrap_err()
+        .to_string()
+        .contains("outside of [workspace]"));
     // Without a rig to open nothing is driven.
     let refused = crate::run(
         &experiment,

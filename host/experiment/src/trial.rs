@@ -194,12 +194,12 @@ impl<E: Into<RunError>> From<E> for End {
     }
 }
 
-/// Whether a fault is a person's stop, of now or from before.
+/// Whether a fault is a person's stop, by a command or the E-stop, of now or from before.
 fn is_stop(fault: &Fault) -> bool {
-    let stop = control::Fault::HostStop.code();
+    let stops = [control::Fault::HostStop, control::Fault::EStop].map(control::Fault::code);
     match fault {
         Fault::Stopped { .. } => true,
-        Fault::Latched(fault) | Fault::LatchedBefore(fault) => fault.code == stop,
+        Fault::Latched(fault) | Fault::LatchedBefore(fault) => stops.contains(&fault.code),
         _ => false,
     }
 }
@@ -285,6 +285,7 @@ mod tests {
         let stop = of(control::Fault::HostStop);
         assert!(by_other(stop.into()));
         assert!(by_other(Fault::LatchedBefore(stop).into()));
+        assert!(by_other(of(control::Fault::EStop).into()));
         let by = "a terminal".to_owned();
         assert!(by_other(Fault::Stopped { by, fault: stop }.into()));
         assert!(!by_other(of(control::Fault::SetpointsExpired).into()));

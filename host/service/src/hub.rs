@@ -20,7 +20,7 @@ use super::terminal::Terminal;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use bring_up::gate::Changes;
 use clients::{Client, Waiter};
-use control::SystemState;
+use control::{Fault, SystemState};
 use known::base;
 use known::store::Store;
 use rig::Rig;
@@ -108,6 +108,28 @@ pub(super) struct Setup {
     pub stop: Arc<AtomicBool>,
 }
 
+/// Stops since the service began, by who made them.
+#[derive(Debug, Default)]
+struct Stops {
+    of: BTreeMap<String, u64>,
+    last: Option<String>,
+}
+
+impl Stops {
+    fn note(&mut self, who: &str) {
+        *self.of.entry(who.to_owned()).or_default() += 1;
+        self.last = Some(who.to_owned());
+    }
+
+    /// Those that this client did not make, and who made the last one of all where that was
+    /// another.
+    fn of_others(&self, who: &str) -> (u64, Option<String>) {
+        let others = self.of.iter().filter(|(name, _)| *name != who);
+        let last = self.last.clone().filter(|last| last != who);
+        (others.map(|(_, count)| count).sum(), last)
+    }
+}
+
 /// The hub.
 pub(super) struct Hub {
     setup: Setup,
@@ -121,6 +143,7 @@ pub(super) struct Hub {
     commander: Option<ClientId>,
     /// The commander that another client has stopped.
     stopped: Option<ClientId>,
+    stops: Stops,
     /// Whether the commander tests a rig whose parts may be new ones.
     commander_tests: bool,
     commander_ns: u64,
@@ -189,6 +212,7 @@ impl Hub {
             clients,
             commander: None,
             stopped: None,
+            stops: Stops::default(),
             commander_tests: false,
             commander_ns: 0,
             commander_seen: Instant::now(),
@@ -344,6 +368,31 @@ impl Hub {
         }
     }
 
+    /// A clear that was asked for before a stop undoes none: it is not sent any more, and who asked
+    /// is told.
+    fn forget_clears(&mut self) {
+        let clears: Vec<Pending> = self
+            .pending
+            .extract_if(|_, pending| pending.command == Command::ClearFaults)
+            .map(|(_, pending)| pending)
+            .collect();
+        let why = "the rig was stopped before it was cleared; clear again once nobody stops it";
+        for pending in clears {
+            match pending.origin {
+                Origin::Call(id, request) => {
+                    // Clearing is one request and no reason to keep the role.
+                    self.commander.take_if(|commander| *commander == id);
+                    self.fail(id, request.as_ref(), super::protocol::code::REFUSED, why);
+                }
+                Origin::Frame(id, seq) => {
+                    let refusal = CommandError::Faulted(Fault::HostStop.code());
+                    self.refuse(id, seq, refusal, why);
+                }
+                Origin::Hub => {}
+            }
+        }
+    }
+
     /// Forgets what was known of a board that was reset or is connected anew.
     fn connect_anew(&mut self) {
         self.info = None;
@@ -441,8 +490,7 @@ impl Hub {
                 // Nothing may follow that was queued before it, and no clear that was asked for
                 // before it may undo it.
                 self.outbox.clear();
-                self.pending
-                    .retain(|_, pending| pending.command != Command::ClearFaults);
+                self.forget_clears();
                 self.urgent.push(0);
                 self.urgent.extend_from_slice(&out[..length]);
             } else {
@@ -606,6 +654,9 @@ impl Hub {
     fn note_fault(&mut self, fault: &FaultReport) {
         let unit = (usize::from(fault.unit) < UNITS).then(|| fault.unit + 1);
         let who = unit.map_or_else(|| "board".to_owned(), |unit| format!("unit {unit}"));
+        if fault.code == Fault::EStop.code() {
+            self.stops.note("the E-stop");
+        }
         let text = format!("{who}: {}", explain_fault(fault.code, fault.detail));
         self.event("fault", text, Some((fault.code, unit)));
     }

@@ -7,6 +7,7 @@
 
 use super::account;
 use emulator_link::{Pose, Truth};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use serde_json::{json, Value};
 pub use session::telemetry::Telemetry;
@@ -214,6 +215,13 @@ pub struct Welcome {
     pub now_ns: u64,
     /// The pseudo-terminal, where there is one.
     pub terminal: Option<String>,
+    /// Stops of other clients and of the E-stop since the service began. A command that connects
+    /// more than once was stopped in between where this has grown.
+    #[serde(default)]
+    pub stops: u64,
+    /// Who made the last of them.
+    #[serde(default)]
+    pub stopped_by: Option<String>,
 }
 
 /// One cycle of the link.
@@ -277,6 +285,17 @@ pub struct ClientStatus {
     pub dropped: u64,
 }
 
+/// The keys of a request, each of which may stand once.
+#[derive(Deserialize)]
+struct Once {
+    #[serde(default, rename = "id")]
+    _id: IgnoredAny,
+    #[serde(default, rename = "method")]
+    _method: IgnoredAny,
+    #[serde(default, rename = "params")]
+    _params: IgnoredAny,
+}
+
 /// A request as it stands on the line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
@@ -292,8 +311,14 @@ impl Request {
     /// # Errors
     /// The error's number and words, and the request's `id` where it could be read.
     pub fn parse(line: &str) -> Result<Self, (Option<Value>, i64, String)> {
-        let mut value: Value = serde_json::from_str(line)
-            .map_err(|error| (None, code::PARSE, format!("this line is not JSON: {error}")))?;
+        let not_json = |error| (None, code::PARSE, format!("this line is not JSON: {error}"));
+        let mut value: Value = serde_json::from_str(line).map_err(not_json)?;
+        if let Err(error) = serde_json::from_str::<Once>(line) {
+            // Which of two methods is meant is not guessed.
+            if error.to_string().starts_with("duplicate field") {
+                return Err((None, code::PARSE, error.to_string()));
+            }
+        }
         let id = value.get("id").filter(|id| !id.is_null()).cloned();
         let Some(object) = value.as_object_mut() else {
             return Err((
@@ -399,6 +424,14 @@ mod tests {
             assert_eq!(line.matches('\n').count(), 1, "{line}");
             assert_eq!(Request::parse(&line).unwrap(), request, "{line}");
         }
+    }
+
+    #[test]
+    fn of_two_methods_none_is_guessed() {
+        let line = r#"{"id":1,"method":"stop","method":"status"}"#;
+        let (_, found, text) = Request::parse(line).unwrap_err();
+        assert_eq!(found, code::PARSE);
+        assert!(text.contains("duplicate field `method`"), "{text}");
     }
 
     #[test]

@@ -43,6 +43,20 @@ pub fn name_of(link: &LinkChoice) -> String {
     }
 }
 
+/// Why a rig can't be kept under a name: a port would be looked for under it, or `--link rig:NAME`
+/// would not find it. `None`: it can.
+#[must_use]
+pub fn refusal_of(name: &str) -> Option<&'static str> {
+    let is_port = name == "usb" || ["tty", "cu-", "serial"].iter().any(|p| name.starts_with(p));
+    if is_port {
+        Some("it is that of a port, and `--link` would find this rig in place of a board")
+    } else if name.contains(':') {
+        Some("`--link rig:NAME` takes no colon in it")
+    } else {
+        None
+    }
+}
+
 /// The folder of the sockets: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_RUNTIME_DIR`, else a
 /// folder in the user's home. Never one where another user could listen in place of the service: a
 /// client sends forces to whoever answers.
@@ -566,6 +580,20 @@ mod tests {
                 "{elsewhere:?}"
             );
         }
+    }
+
+    #[test]
+    fn no_rig_is_kept_under_the_name_of_a_port() {
+        let ports = [LinkChoice::Usb].into_iter().chain(
+            ["/dev/ttyACM0", "/dev/ttyS0", "/dev/cu.usb1"].map(|p| LinkChoice::Serial(p.into())),
+        );
+        for port in ports {
+            assert!(refusal_of(&name_of(&port)).is_some(), "{port}");
+        }
+        assert!(refusal_of("rig:x").is_some());
+        assert!(["rig", "lab", "raven-left", "usb2-bench"]
+            .iter()
+            .all(|name| refusal_of(name).is_none()));
     }
 
     #[test]

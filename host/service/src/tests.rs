@@ -430,6 +430,51 @@ fn a_stop_from_elsewhere_is_not_cleared_by_who_was_stopped() {
     session.command(&Command::ClearFaults).unwrap();
 }
 
+/// A command that connects more than once learns of a stop in between, which was cleared again.
+#[test]
+fn stops_of_others_are_counted() {
+    let rig = KeptRig::start(Behavior::Good, true);
+    let seen = |name: &str| {
+        let client = rig.client(name);
+        let welcome = client.welcome();
+        (welcome.stops, welcome.stopped_by.clone())
+    };
+    assert_eq!(seen("an experiment"), (0, None));
+    // Its own stops, as of an attempt that failed, are none of others.
+    let mut own = rig.client("an experiment");
+    own.call(Call::Stop).unwrap();
+    own.call(Call::Clear).unwrap();
+    let name = |seen: &(u64, Option<String>)| seen.1.clone().unwrap_or_default();
+    assert_eq!(seen("an experiment"), (0, None));
+    let other = seen("a terminal");
+    assert!(
+        other.0 == 1 && name(&other).starts_with("an experiment"),
+        "{other:?}"
+    );
+    let mut link = rig.commander("a terminal");
+    let mut session = Session::connect(&mut link).unwrap();
+    session.command(&Command::Stop).unwrap();
+    session.command(&Command::ClearFaults).unwrap();
+    let other = seen("an experiment");
+    assert!(
+        other.0 == 1 && name(&other).starts_with("a terminal"),
+        "{other:?}"
+    );
+    // A clear that a stop overtakes is answered.
+    let mut clears = rig.client("forcectl clear");
+    let mut stops = rig.client("a person");
+    for _ in 0..30 {
+        let stopping = std::thread::scope(|scope| {
+            let stopping = scope.spawn(|| stops.call(Call::Stop).is_ok());
+            let cleared = clears.call(Call::Clear);
+            let answered = matches!(&cleared, Ok(_) | Err(ServiceError::Refused { .. }));
+            assert!(answered, "{cleared:?}");
+            stopping.join().unwrap()
+        });
+        assert!(stopping);
+    }
+}
+
 #[test]
 fn a_program_without_this_library_commands_a_force() {
     let rig = KeptRig::start(Behavior::Good, true);

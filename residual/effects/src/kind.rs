@@ -92,7 +92,7 @@ kinds! {
         "backlash: after a reversal the drive crosses a gap before the output follows"
         "reverse slowly with small amplitudes around the gap: the output stands still inside it, with sharp corners";
     PeriodicAngle "periodic_angle"
-        "a ripple locked to the angle (eccentric reel, gear mesh, cogging), by order per turn and phase"
+        "a ripple locked to the angle, by order per turn and phase: gear mesh, cogging, and with order one an eccentric reel or the weight on a shaft that turns round"
         "turn slowly through many turns at two different speeds: the ripple keeps its order per turn, while its frequency follows the speed";
     CableStretch "cable_stretch"
         "series elasticity: the load follows the command through a spring and damper (first-order lag; where only a part of the load is late it looks the same), or rises with the winding angle"

@@ -503,7 +503,7 @@ impl Report {
         ];
         if !self.absent.is_empty() {
             out.push(Part::Text(format!(
-                "Not tested, because the data lack the columns or do not vary in them, or because a fitted coefficient leaves no room: {}.",
+                "Not tested, because the data lack the columns or do not vary in them, because the axis makes more than one and a half turns (a weight on it is a ripple of order one then), or because a fitted coefficient leaves no room: {}.",
                 joined(&self.absent, ", ")
             )));
         }

@@ -11,7 +11,7 @@ mod log;
 use self::log::Log;
 use super::error::RecordError;
 use super::parquet::{Columns, Output};
-use super::read::{mcap_of, Entry, Reader};
+use super::read::{mcap_of, End, Entry, Reader};
 use super::rows::{CycleRow, SampleRow};
 use super::table::{Cell, Kind, Row};
 use super::times::Clocks;
@@ -64,6 +64,8 @@ pub struct Merged {
     pub log_utc: Option<[String; 2]>,
     /// First and last time of the recording, UTC; `null` where it has no cycle.
     pub recording_utc: Option<[String; 2]>,
+    /// Whether the recording was read to its end.
+    pub complete: bool,
     /// What to look at.
     pub warnings: Vec<String>,
 }
@@ -168,6 +170,8 @@ impl<const N: usize> Track<N> {
 /// Forces, tensions and phases of a recording over time.
 struct Recorded {
     clocks: Clocks,
+    /// How its file ends.
+    end: End,
     /// Tip (3), commanded force (3), estimated force (3), applied force (3, NaN where it is not
     /// known).
     cycles: Track<12>,
@@ -181,11 +185,13 @@ impl Recorded {
         let (clocks, _) = Clocks::read(path)?;
         let mut recorded = Self {
             clocks,
+            end: End::Unknown,
             cycles: Track::default(),
             units: Default::default(),
             phases: Vec::new(),
         };
-        for entry in Reader::open(path)? {
+        let mut reader = Reader::open(path)?;
+        for entry in &mut reader {
             let Entry::Message { topic, data, .. } = entry else {
                 continue;
             };
@@ -202,6 +208,7 @@ impl Recorded {
                 }
             }
         }
+        recorded.end = reader.end().clone();
         Ok(recorded)
     }
 
@@ -271,8 +278,15 @@ pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
     let mut merged = Merged {
         log_utc: span(times.iter().copied()),
         recording_utc: span(recorded.cycles.utc_ns.iter().copied()),
+        complete: recorded.end == End::Complete,
         ..Merged::default()
     };
+    if !merged.complete {
+        merged.warnings.push(format!(
+            "{} is cut off or damaged: rows of the log behind that place are not joined; `forcectl recording check` names the place",
+            options.recording.display()
+        ));
+    }
     let repeated = times.windows(2).filter(|w| w[0] == w[1]).count();
     if repeated as f64 > REPEATED_MAX * times.len() as f64 {
         merged.warnings.push(format!(

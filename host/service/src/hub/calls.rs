@@ -131,6 +131,7 @@ impl Hub {
             }
             return;
         }
+        let (stops, stopped_by) = self.stops.of_others(&hello.name());
         let welcome = Welcome {
             version: VERSION,
             name: self.setup.name.clone(),
@@ -142,6 +143,8 @@ impl Hub {
             rig_text: self.setup.rig_file.1.clone(),
             now_ns: self.now_ns,
             terminal: self.terminal.as_ref().map(|t| t.path().to_owned()),
+            stops,
+            stopped_by,
         };
         if let Some(client) = self.clients.get_mut(&id) {
             client.hello = Some(hello);

@@ -261,7 +261,7 @@ impl Hub {
 
     /// Refuses a frame of a client: in words, which no refusal of the board has, and as the board
     /// does.
-    fn refuse(&mut self, id: ClientId, seq: u16, refusal: CommandError, why: &str) {
+    pub(super) fn refuse(&mut self, id: ClientId, seq: u16, refusal: CommandError, why: &str) {
         if let Some(client) = self.clients.get(&id) {
             client.outbox.line(notification("refused", &why));
         }
@@ -285,8 +285,9 @@ impl Hub {
         // One that stops itself afterwards was stopped from elsewhere all the same.
         let by_another = self.commander.filter(|commander| *commander != id);
         self.stopped = by_another.or(self.stopped);
-        let text = format!("{}{}", super::STOPPED_BY, self.name_of(id));
-        self.event("stop", text, None);
+        let who = self.name_of(id);
+        self.stops.note(&who);
+        self.event("stop", format!("{}{who}", super::STOPPED_BY), None);
     }
 
     /// A reply to a client's own frame.

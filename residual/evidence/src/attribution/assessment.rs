@@ -1,6 +1,6 @@
 //! Effects with what decides on their names.
 
-use super::contradiction::{contradictions, inertia_of_a_lag};
+use super::contradiction::{contradictions, inertia_of_a_lag, slope_of_another_width};
 use super::images::{images_by_stamps, images_of_a_tone};
 use super::one_sequence::in_one_sequence;
 use super::over_the_angle::shapes_of_the_angle;
@@ -100,6 +100,8 @@ impl Assessment {
                 inertia_of_a_lag(&mut self.why, &known, late);
             }
         }
+        let chosen = &self.outcome.chosen;
+        slope_of_another_width(&mut self.why, search, chosen, &self.weights, &known)?;
         Ok(self.why.iter().any(Option::is_some))
     }
 

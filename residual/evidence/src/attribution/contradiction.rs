@@ -2,9 +2,11 @@
 
 use super::refusal::{Against, Refusal};
 use crate::intervals::Parameters;
+use residual_columns::error::Error;
 use residual_columns::format::num;
-use residual_effects::{Nature, Param};
-use residual_search::Weight;
+use residual_effects::{EffectKind, Nature, Param};
+use residual_search::model::Chosen;
+use residual_search::{Search, Weight};
 
 /// Marks effects that contradict each other. Friction takes energy out of a motion, inertia is
 /// positive and a spring pulls back, so all of one motion has one sign: for the force of a drive
@@ -79,6 +81,56 @@ pub(super) fn inertia_of_a_lag(why: &mut [Option<Refusal>], parameters: &[&Param
             )));
         }
     }
+}
+
+/// Gain error from which a declared prediction is taken away rather than corrected.
+const TAKEN_AWAY: f64 = -0.5;
+
+/// Share of what a gain and an inertia are worth together that one of them alone must be worth. Of
+/// a declared inertia with stamps that scatter by half a row it was 0.05.
+const WORTH_ALONE: f64 = 0.25;
+
+/// Marks a gain that takes the declared prediction away and an inertia that puts it back, where
+/// neither is worth anything without the other: together they are the prediction with a slope of
+/// the velocity over another width, which a lag, or stamps that scatter, do as well.
+pub(super) fn slope_of_another_width(
+    why: &mut [Option<Refusal>],
+    search: &Search,
+    chosen: &[Chosen],
+    weights: &[Weight],
+    parameters: &[&Parameters],
+) -> Result<(), Error> {
+    let of = |at: usize, name: &str| parameters[at].0.iter().find(|p| p.name == name);
+    let taken = |at: &usize| {
+        let kind = chosen[*at].effect.kind();
+        let size = of(*at, "gain_error").map_or(0.0, |p| p.value);
+        kind == EffectKind::Gain && size < TAKEN_AWAY
+    };
+    let put_back = |at: &usize| chosen[*at].effect.kind() == EffectKind::Inertia;
+    let (Some(gain), Some(inertia)) = (
+        (0..chosen.len()).find(taken),
+        (0..chosen.len()).find(put_back),
+    ) else {
+        return Ok(());
+    };
+    let others = (0..chosen.len()).filter(|at| *at != gain && *at != inertia);
+    let others: Vec<Chosen> = others.map(|at| chosen[at].clone()).collect();
+    let neither = search.rmse(&others)?.powi(2);
+    let both = weights.first().map_or(neither, |w| w.rmse.powi(2));
+    let alone = |other: usize| {
+        let without = weights.iter().find(|w| w.index == other);
+        neither - without.map_or(neither, |w| w.rmse_without.powi(2))
+    };
+    let little = WORTH_ALONE * (neither - both);
+    if alone(gain) < little && alone(inertia) < little {
+        for at in [gain, inertia] {
+            why[at] = Some(Against::AsASeries.refuses(
+                "the gain takes the declared prediction away and the inertia puts it back: together they are the declared prediction with a slope of the velocity over another width; look at the time stamps, a lag of the velocity, and the half width of deriv() in the declared terms"
+                    .to_owned(),
+            ));
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

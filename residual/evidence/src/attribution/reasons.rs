@@ -7,7 +7,7 @@ use crate::intervals::Parameters;
 use crate::leftover::Forms;
 use residual_columns::error::Error;
 use residual_columns::format::{num, percent};
-use residual_effects::Param;
+use residual_effects::{Nature, Param};
 use residual_search::model::Chosen;
 use residual_search::{without, Outcome, Search, Weight};
 
@@ -93,12 +93,17 @@ fn worthless(why: &mut [Option<Refusal>], weights: &[Weight], material: f64) {
 }
 
 /// Why the coefficients of an effect say nothing, if the interval of each that carries its name
-/// contains 0.
+/// contains 0. A mass is told from an inertia by its weight.
 fn undetermined(own: &Chosen, (params, intervals): &Parameters) -> Option<String> {
     let shape = own.variant.psi.as_ref().map(|p| p.name);
+    let has_weight = params.iter().any(|p| p.nature == Nature::Weight);
+    let carries = |nature: Nature| match nature {
+        Nature::Inertia => !has_weight,
+        nature => nature.carries_the_name(),
+    };
     let sizes: Vec<_> = params
         .iter()
-        .filter(|p| Some(p.name.as_str()) != shape && p.nature.carries_the_name())
+        .filter(|p| Some(p.name.as_str()) != shape && carries(p.nature))
         .map(|p| (p, intervals.get(&p.name)))
         .collect();
     let zero = |(_, interval): &(&Param, Option<&[f64; 2]>)| {
@@ -123,7 +128,7 @@ fn undetermined(own: &Chosen, (params, intervals): &Parameters) -> Option<String
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use residual_effects::{EffectKind, Nature};
+    use residual_effects::EffectKind;
 
     pub fn weights(rmse_without: &[f64]) -> Vec<Weight> {
         let weight = |(index, rmse_without): (usize, &f64)| Weight {
@@ -163,6 +168,32 @@ pub(super) mod tests {
             undetermined(&own, &(params, intervals)).is_some()
         };
         assert!(says([-0.1, 0.1]) && !says([0.1, 0.2]));
+    }
+
+    #[test]
+    fn a_mass_needs_its_weight() {
+        let own = Chosen {
+            effect: residual_effects::effect(EffectKind::Payload),
+            variant: std::sync::Arc::new(residual_effects::Variant::linear(
+                "mass on angle",
+                vec![],
+            )),
+            psi: 0.0,
+        };
+        let says = |sine: [f64; 2], cosine: [f64; 2]| {
+            let all = [
+                ("weight_sine", sine, Nature::Weight),
+                ("weight_cosine", cosine, Nature::Weight),
+                ("inertia", [0.1, 0.2], Nature::Inertia),
+            ];
+            let params = all.map(|(name, [low, high], nature)| {
+                Param::new(name, low.midpoint(high), "").being(nature)
+            });
+            let intervals = all.map(|(name, interval, _)| (name.to_string(), interval));
+            undetermined(&own, &(params.to_vec(), intervals.into())).is_some()
+        };
+        assert!(says([-0.1, 0.2], [-0.2, 0.1]));
+        assert!(!says([-0.1, 0.2], [0.1, 0.2]) && !says([-0.2, -0.1], [-0.2, 0.1]));
     }
 
     #[test]

@@ -42,6 +42,37 @@ fn is_neither_too_large_nor_too_small() {
     }
 }
 
+/// Stamps that scatter make the declared slope of the velocity noisy. The same inertia with a wider
+/// slope is better, and the model lacks neither a gain nor an inertia.
+#[test]
+fn a_declared_inertia_is_not_exchanged_for_its_own_wider_slope() {
+    use residual::{analyse, spec::Spec, Data};
+    use residual_columns::stats::Rng;
+    let (runs, rows, dt) = (4, 2000, 0.005);
+    let mut rng = Rng::new(5);
+    let mut columns = [vec![], vec![], vec![]];
+    for i in 0..runs * rows {
+        let t = (i % rows) as f64 * dt;
+        let at = t + 2.3 * (i / rows) as f64;
+        let acceleration = 9.0 * (9.0 * at).cos() * 3.0 - 4.1 * (4.1 * at).sin() * 3.0;
+        columns[0].push(t + 0.9 * dt * (rng.uniform() - 0.5));
+        columns[1].push(3.0 * ((9.0 * at).sin() + (4.1 * at).cos()) + 0.01 * rng.normal());
+        columns[2].push(0.02 * acceleration + 0.05 * rng.normal());
+    }
+    let [time, velocity, target] = columns;
+    let data = Data::from_columns(time, [("velocity", velocity), ("target", target)])
+        .sequences((0..runs).map(|run| run * rows..(run + 1) * rows))
+        .build()
+        .unwrap();
+    let model = "roles.time = { column = \"t\", unit = \"s\" }\n\
+         roles.target = { column = \"y\", unit = \"N m\" }\n\
+         roles.velocity = { column = \"v\", unit = \"rad/s\" }\n\
+         [[terms]]\nname = \"inertia\"\nexpr = \"deriv(velocity, 3)\"\nfixed = 0.02\n";
+    let report = analyse(&Spec::parse(model).unwrap(), data, &mut ()).unwrap();
+    let names: Vec<_> = report.effects.iter().map(|e| e.name.to_string()).collect();
+    assert_eq!(names, [""; 0], "{}", report.summary());
+}
+
 /// An inertia of 0.1 found in rows `dt` apart with a `noise` of the velocity, and its term.
 fn found(dt: f64, noise: f64) -> (f64, String) {
     use residual::{analyse, spec::Spec, Data};
