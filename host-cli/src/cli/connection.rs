@@ -62,6 +62,10 @@ pub struct Existing {
     #[cfg(unix)]
     #[arg(skip)]
     stops: Cell<Option<(u32, u64)>>,
+    /// A connection that keeps the service, and its count of stops, while nothing is driven.
+    #[cfg(unix)]
+    #[arg(skip)]
+    kept: RefCell<Option<Client>>,
     /// Where zeros come from, once the connection is open.
     #[arg(skip)]
     zeroing: RefCell<Zeroing>,
@@ -458,16 +462,36 @@ impl Existing {
     #[cfg(unix)]
     fn require_not_stopped(&self, now: &Welcome) -> Result<()> {
         let since = |(pid, stops)| pid == now.pid && now.stops > stops;
-        if !self.stops.get().is_some_and(since) {
+        let why = if self.stops.get().is_some_and(since) {
+            let who = now.stopped_by.as_deref().unwrap_or("another client");
+            format!("the rig was stopped by {who} since this command began")
+        } else if self.kept.borrow().is_some()
+            && self.stops.get().is_some_and(|(pid, _)| pid != now.pid)
+        {
+            "the service of the rig was ended since this command began, and whether the rig was stopped meanwhile is not known"
+                .to_owned()
+        } else {
             return Ok(());
+        };
+        let text = format!("{why}; nothing more is driven");
+        Err(Failure::new(exit::BOARD, text))
+    }
+
+    /// Stays connected, for a command with several sessions: a stop between two of them is not
+    /// lost with a service that ends without clients. Call it after [`Existing::load`].
+    #[cfg(unix)]
+    fn stay(&self, context: &Context) -> Result<()> {
+        let service = self.service.borrow();
+        if let Some((name, start)) = service.as_ref() {
+            let client = super::serve::connect(name, start.as_ref(), self.rig.as_deref(), context)?;
+            *self.kept.borrow_mut() = Some(client);
         }
-        let who = now.stopped_by.as_deref().unwrap_or("another client");
-        Err(Failure::new(
-            exit::BOARD,
-            format!(
-                "the rig was stopped by {who} since this command began; nothing more is driven"
-            ),
-        ))
+        Ok(())
+    }
+
+    #[cfg(not(unix))]
+    fn stay(&self, _: &Context) -> Result<()> {
+        Ok(())
     }
 
     /// The client of the service, after [`Existing::load`]; `None` where the rig is reached in
@@ -574,7 +598,13 @@ impl Connection {
         self.at.require_with(&self.new, context)
     }
 
-    /// The same as a warning.
+    /// Ends this command, instead of opening the connection again, where somebody stops the rig
+    /// meanwhile, whether it is cleared or not. Call it after [`Connection::load`].
+    pub fn stay(&self, context: &Context) -> Result<()> {
+        self.at.stay(context)
+    }
+
+    /// [`Connection::require_unchanged`] as a warning.
     pub fn warn_of_changes(&self, rig: &Rig, context: &Context) -> Result<()> {
         tested::warn(rig, self.seed(rig), self.at.board(), context)
     }

@@ -167,6 +167,7 @@ impl Run {
                 let rig = connection.load(context)?;
                 connection.require_rig_file(&rig)?;
                 connection.require_unchanged(context)?;
+                connection.stay(context)?;
                 connection.calibrated(rig, context)?
             }
             None => rig,

@@ -96,6 +96,7 @@ impl Identify {
         let rig = self.connection.load(context)?;
         self.connection.require_rig_file(&rig)?;
         self.connection.require_unchanged(context)?;
+        self.connection.stay(context)?;
         let rig = self.connection.calibrated(rig, context)?;
         let force_n: [f64; 3] = self.force.as_slice().try_into().map_err(|_| {
             Failure::usage("--force takes three numbers, for example --force 0 2.5 0")

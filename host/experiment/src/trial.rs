@@ -188,18 +188,19 @@ impl<E: Into<RunError>> From<E> for End {
     fn from(error: E) -> Self {
         match error.into() {
             RunError::Interrupted => Self::Interrupted,
-            RunError::Fault(fault) if is_stop(&fault) => Self::ByOther(fault.to_string()),
+            RunError::Fault(fault) if ends_all(&fault) => Self::ByOther(fault.to_string()),
             error => Self::Stopped(error.to_string()),
         }
     }
 }
 
-/// Whether a fault is a person's stop, by a command or the E-stop, of now or from before.
-fn is_stop(fault: &Fault) -> bool {
+/// Whether a fault ends more than its attempt: a person's stop, by a command or the E-stop, and a
+/// fault from before, which the next attempts would meet as well, for none of them clears it.
+fn ends_all(fault: &Fault) -> bool {
     let stops = [control::Fault::HostStop, control::Fault::EStop].map(control::Fault::code);
     match fault {
-        Fault::Stopped { .. } => true,
-        Fault::Latched(fault) | Fault::LatchedBefore(fault) => stops.contains(&fault.code),
+        Fault::Stopped { .. } | Fault::LatchedBefore(_) => true,
+        Fault::Latched(fault) => stops.contains(&fault.code),
         _ => false,
     }
 }
@@ -277,7 +278,8 @@ mod tests {
     use super::*;
     use session::LatchedFault;
 
-    /// Only a person's stop ends more than the trial, whenever it is noticed.
+    /// A person's stop ends more than the trial, whenever it is noticed, and so does a fault that no
+    /// attempt clears.
     #[test]
     fn a_stop_is_told_from_other_faults() {
         let of = |code: control::Fault| LatchedFault::new(code.code(), 0);
@@ -288,7 +290,9 @@ mod tests {
         assert!(by_other(of(control::Fault::EStop).into()));
         let by = "a terminal".to_owned();
         assert!(by_other(Fault::Stopped { by, fault: stop }.into()));
-        assert!(!by_other(of(control::Fault::SetpointsExpired).into()));
+        let expired = of(control::Fault::SetpointsExpired);
+        assert!(by_other(Fault::LatchedBefore(expired).into()));
+        assert!(!by_other(expired.into()));
         assert!(!by_other(Fault::Armed.into()));
     }
 }

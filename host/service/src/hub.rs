@@ -108,25 +108,26 @@ pub(super) struct Setup {
     pub stop: Arc<AtomicBool>,
 }
 
-/// Stops since the service began, by who made them.
+/// Stops since the service began: for each who made some, how many, and the number of the last.
 #[derive(Debug, Default)]
 struct Stops {
-    of: BTreeMap<String, u64>,
-    last: Option<String>,
+    of: BTreeMap<String, (u64, u64)>,
+    all: u64,
 }
 
 impl Stops {
     fn note(&mut self, who: &str) {
-        *self.of.entry(who.to_owned()).or_default() += 1;
-        self.last = Some(who.to_owned());
+        self.all += 1;
+        let (count, last) = self.of.entry(who.to_owned()).or_default();
+        (*count, *last) = (*count + 1, self.all);
     }
 
-    /// Those that this client did not make, and who made the last one of all where that was
-    /// another.
+    /// Those that this client did not make, and who made the last of them.
     fn of_others(&self, who: &str) -> (u64, Option<String>) {
-        let others = self.of.iter().filter(|(name, _)| *name != who);
-        let last = self.last.clone().filter(|last| last != who);
-        (others.map(|(_, count)| count).sum(), last)
+        let others = || self.of.iter().filter(|(name, _)| *name != who);
+        let last = others().max_by_key(|(_, (_, last))| *last);
+        let count = others().map(|(_, (count, _))| count).sum();
+        (count, last.map(|(name, _)| name.clone()))
     }
 }
 
