@@ -1,5 +1,6 @@
 //! Which column has which role: names first; of several joints the one that moves.
 
+use super::compound;
 use super::header;
 use super::names::{self, Name, COUNTERS};
 use super::Table;
@@ -14,20 +15,22 @@ pub(super) struct Column<'a> {
     /// The role that its name stands for.
     pub(super) role: Option<&'static str>,
     /// Its unit as the file has it, where that is none of those understood; else an empty text.
-    pub(super) stated: &'a str,
+    pub(super) stated: String,
     /// Standard deviation; 0 where nothing moves.
     pub(super) spread: f64,
 }
 
-impl<'a> Column<'a> {
+impl Column<'_> {
     /// Adds what the second line of a header says: a unit, or words that stand for a role where the
     /// name has none.
-    pub(super) fn describe(&mut self, second: &'a str) {
+    pub(super) fn describe(&mut self, second: &str) {
         let text = header::bare(second);
-        if let Some((unit, scale)) = names::known(text) {
+        let torque = compound::of_cell(text, &self.name.words).map(|scale| ("N·m", scale));
+        if let Some((unit, scale)) = torque.or_else(|| names::known(text)) {
             (self.name.unit, self.name.scale) = (unit, scale);
+            self.stated.clear();
         } else if header::is_symbol(text) {
-            self.stated = text;
+            self.stated = text.to_string();
         } else if self.role.is_none() {
             let name = Name::of(text);
             if let Some(role) = name.role() {
@@ -51,8 +54,8 @@ pub(super) fn columns(table: &Table, nameless: bool) -> Vec<Column<'_>> {
                 title,
                 values,
                 role: name.role(),
+                stated: name.stated.clone(),
                 name,
-                stated: "",
                 spread: if moves {
                     stats::deviation(&finite)
                 } else {

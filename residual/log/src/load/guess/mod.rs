@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `layout.rs` | separator, decimal mark, comments, header |
 //! | `header.rs` | headers of two lines: names, then units |
+//! | `compound.rs` | units of several parts: torques, and what stays as it stands |
 //! | `names.rs` | role, unit and index by the name of a column |
 //! | `columns.rs` | which column has which role |
 //! | `time.rs` | the column of the time, and its unit |
@@ -12,6 +13,7 @@
 //! | `write.rs` | the text of the model file |
 
 mod columns;
+mod compound;
 mod header;
 mod layout;
 mod names;
