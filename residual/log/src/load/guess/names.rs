@@ -2,11 +2,24 @@
 
 use super::compound::{self, Compound};
 
-/// Parts of names by role. The role of the first row that fits counts; none for the first row.
+/// Parts of names by role, in English, German, French, Italian, Spanish, Portuguese, Japanese and
+/// Chinese, the usual ones in other languages too. The role of the first row that fits counts; none
+/// for the first row.
 const WORDS: &[(&str, &[&str])] = &[
     (
         "",
-        &["error", "err", "enable", "status", "seq", "acc", "accel"],
+        &[
+            "error",
+            "err",
+            "enable",
+            "status",
+            "seq",
+            "acc",
+            "accel",
+            // Japanese and Chinese, and Korean: an acceleration has the word of a velocity in it.
+            "加速度",
+            "가속도",
+        ],
     ),
     (
         "time",
@@ -114,6 +127,10 @@ const WORDS: &[(&str, &[&str])] = &[
             "скорость",
             "速度",
             "속도",
+            // Japanese; Chinese, in both scripts.
+            "回転数",
+            "转速",
+            "轉速",
         ],
     ),
     (
@@ -149,9 +166,56 @@ const WORDS: &[(&str, &[&str])] = &[
             "角度",
             "位置",
             "각도",
+            "crosshead",
+            "extension",
+            "elongation",
+            "deflection",
+            // German.
+            "standardweg",
+            "traversenweg",
+            "kolbenweg",
+            "verschiebung",
+            "auslenkung",
+            // French.
+            "deplacement",
+            "course",
+            "allongement",
+            // Italian.
+            "corsa",
+            "spostamento",
+            // Spanish.
+            "posicion",
+            "desplazamiento",
+            "carrera",
+            "angulo",
+            // Portuguese.
+            "posição",
+            "posicao",
+            "deslocamento",
+            "curso",
+            // Japanese.
+            "変位",
+            "伸び",
+            "ストローク",
+            // Chinese, in both scripts.
+            "位移",
+            "行程",
+            "转角",
+            "轉角",
         ],
     ),
-    ("temperature", &["temperature", "temp", "temperatur"]),
+    (
+        "temperature",
+        &[
+            "temperature",
+            "temp",
+            "temperatur",
+            "thermocouple",
+            "température",
+            "温度",
+            "溫度",
+        ],
+    ),
     (
         "target",
         &[
@@ -185,8 +249,45 @@ const WORDS: &[(&str, &[&str])] = &[
             "張力",
             "拉力",
             "하중",
+            // The axes of a plate or a sensor of forces.
+            "fx",
+            "fy",
+            "fz",
+            "mx",
+            "mz",
+            // Spanish and Italian, French and Portuguese, without their accents too.
+            "carga",
+            "carico",
+            "couple",
+            "forca",
+            // A current in French, Italian and Portuguese, and Spanish.
+            "courant",
+            "corrente",
+            "corriente",
+            // Japanese.
+            "力",
+            "試験力",
+            "トルク",
+            "電流",
+            // Chinese, in both scripts.
+            "试验力",
+            "载荷",
+            "載荷",
+            "负荷",
+            "負荷",
+            "扭矩",
+            "转矩",
+            "轉矩",
+            "力矩",
+            "电流",
         ],
     ),
+];
+
+/// Words that are parts of words of another meaning, as `curso` of `cursor`: they count alone
+/// only.
+const ALONE: &[&str] = &[
+    "curso", "course", "carga", "carico", "couple", "forca", "carrera",
 ];
 
 /// Words of columns that count rows.
@@ -275,6 +376,9 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("degc", "K", 1.0),
 ];
 
+/// Units that stand alone as the name of a column, of two letters or more.
+const NAMELESS: &[&str] = &["ma", "mv", "kn", "mn", "mm", "kgf", "lbf", "deg_c", "degc"];
+
 /// A name, taken apart.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Name {
@@ -322,11 +426,14 @@ impl Name {
 
     /// Words and numbers of a name without a unit.
     fn of_words(parts: &[String]) -> Name {
-        let (mut words, mut numbers) = (Vec::new(), Vec::new());
+        let (mut words, mut numbers): (Vec<String>, Vec<String>) = Default::default();
         for part in parts {
             let word = part.trim_end_matches(|c: char| c.is_ascii_digit());
-            if !word.is_empty() {
-                words.push(word.to_string());
+            match words.last_mut() {
+                // A component of a motor's current or voltage: `i_q`.
+                Some(last) if word == "q" && ["i", "u"].contains(&last.as_str()) => last.push('q'),
+                _ if word.is_empty() => {}
+                _ => words.push(word.to_string()),
             }
             if let Ok(number) = part[word.len()..].parse::<u64>() {
                 numbers.push(number.to_string());
@@ -404,13 +511,17 @@ impl Name {
         if self.words == ["temps"] {
             return Some("time");
         }
+        // The moment about an axis, and not an English word.
+        if self.words == ["my"] {
+            return Some("target");
+        }
         // A desired value, as libfranka names it: `tau_J_d`.
         if self.words.len() > 1 && self.words.last().is_some_and(|w| w == "d") {
             return Some("setpoint");
         }
         let whole = self.words.join("_");
-        let fits =
-            |w: &&str| self.words.iter().any(|p| p == w) || (w.len() > 3 && whole.contains(*w));
+        let is_within = |w: &str| w.len() > 3 && !ALONE.contains(&w) && whole.contains(w);
+        let fits = |w: &&str| self.words.iter().any(|p| p == w) || is_within(w);
         WORDS
             .iter()
             .find(|(_, words)| words.iter().any(&fits))
@@ -456,7 +567,10 @@ fn unit(parts: &[String]) -> (usize, &'static str, f64) {
         if ends && parts.len() > count {
             return (count, unit, *scale);
         }
-        // `rpm` and `millis` are name and unit in one.
+        // `rpm` and `millis` are name and unit in one, and `mA` has no name.
+        if ends && NAMELESS.contains(ending) {
+            return (0, unit, *scale);
+        }
         if ends && ending.len() > 2 && WORDS.iter().any(|(_, words)| words.contains(ending)) {
             return (0, unit, *scale);
         }

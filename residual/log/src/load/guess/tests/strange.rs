@@ -61,3 +61,84 @@ fn a_unit_of_several_parts_that_is_not_known_is_asked_about() {
         assert!(line(&text, "target").contains("# ? unit"), "{text}");
     }
 }
+
+#[test]
+fn a_force_comes_before_a_coordinate() {
+    for (header, target) in [
+        ("Time,X,Y,Fz\ns,mm,mm,N", "Fz"),
+        ("Time (s),Y (mm),Cell 4 (kN)", "Cell 4 (kN)"),
+        ("Time (s),Y (mm),Mx (N·m),X (mm)", "Mx (N·m)"),
+        ("Time,Extension,Load\n(s),(mm),(kN)", "Load"),
+        ("t,y,a", "y"),
+    ] {
+        let (spec, text) = named(header);
+        assert_eq!(spec.roles.target.column, target, "{text}");
+    }
+    let (spec, text) = named("Time,Extension,Load\n(s),(mm),(kN)");
+    assert_eq!(spec.roles.angle.unwrap().column, "Extension", "{text}");
+    // Where nothing else is there it is taken, with a question.
+    let (spec, text) = named("Time,X,Y\ns,mm,mm");
+    assert_eq!(spec.roles.target.column, "Y", "{text}");
+    assert!(line(&text, "target").contains("a coordinate"), "{text}");
+}
+
+#[test]
+fn a_temperature_is_the_last_choice_for_a_target() {
+    let (spec, text) = named("millis,rpm,mA,degC");
+    let target = &spec.roles.target;
+    assert_eq!(
+        (target.column.as_str(), target.unit.as_str(), target.scale),
+        ("mA", "A", 1e-3),
+        "{text}"
+    );
+    assert!(line(&text, "target").contains("# ?"), "{text}");
+    assert_eq!(spec.roles.temperature.unwrap().column, "degC", "{text}");
+    let (spec, text) = named("time (s),oven (°C)");
+    assert_eq!(spec.roles.target.column, "oven (°C)", "{text}");
+}
+
+#[test]
+fn roles_are_known_in_usual_languages() {
+    for (header, quantity) in [
+        ("Zeit [s],Standardweg [mm],Standardkraft [N]", "Kraft"),
+        ("Time (s),Crosshead (mm),Load (N)", "force"),
+        ("Temps (s),Course (mm),Couple (N.m)", "couple"),
+        ("Tempo (s),Corsa (mm),Carico (N)", "carico"),
+        ("Tiempo (s),Desplazamiento (mm),Carga (N)", "carga"),
+        ("Tempo (s),Deslocamento (mm),Força (gf)", "força"),
+        ("時間[s],変位[mm],トルク[N·m]", "トルク"),
+        ("时间(s),位移(mm),力(N)", "力"),
+        ("時間 (s),行程 (mm),載荷 (N)", "載荷"),
+    ] {
+        let (spec, text) = named(header);
+        let names: Vec<&str> = header.split(',').collect();
+        let roles = &spec.roles;
+        assert_eq!(roles.time.column, names[0], "{text}");
+        let angle = roles.angle.as_ref().unwrap_or_else(|| panic!("{text}"));
+        assert_eq!(
+            (angle.column.as_str(), angle.unit.as_str()),
+            (names[1], "mm")
+        );
+        assert_eq!(roles.target.column, names[2], "{quantity}: {text}");
+        assert!(!line(&text, "target").contains('?'), "{text}");
+    }
+    for (header, role) in [
+        ("temps (s),température (°C),force (N)", "temperature"),
+        ("時間[s],温度[°C],荷重[N]", "temperature"),
+        ("時間[s],回転数[rpm],荷重[N]", "velocity"),
+        ("时间[s],转速[rpm],扭矩[N·m]", "velocity"),
+        ("tempo (s),corrente (A),forza (N)", "command"),
+        ("時間[s],電流[A],荷重[N]", "command"),
+    ] {
+        let (_, text) = named(header);
+        let name = header.split(',').nth(1).unwrap();
+        assert!(line(&text, role).contains(name), "{role}: {text}");
+    }
+    // An acceleration is no velocity, and a cursor no travel.
+    let (spec, text) = named("時間[s],加速度[m/s²],cursor,thermocouple_1,荷重[N]");
+    assert!(
+        spec.roles.velocity.is_none() && spec.roles.angle.is_none(),
+        "{text}"
+    );
+    assert_eq!(spec.roles.target.column, "荷重[N]", "{text}");
+}
