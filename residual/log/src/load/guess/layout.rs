@@ -131,49 +131,50 @@ impl Layout {
         let marked = marked.filter(|l| MARKED.iter().any(|mark| l.starts_with(mark)));
         let comments = names_in_comments(marked.chain(comments).collect(), separator, cells);
         let longer = row.longer_header(&lines[..data]);
-        let names =
-            if let Some((at, names)) = after_word_for_names(&lines[..data], separator, cells) {
-                layout.origin = Origin::Line(lines[at].0 + 1);
-                names
-            } else if let Some(names) = longer {
-                layout.origin = Origin::Line(lines[data - 1].0 + 1);
-                names
-            } else if let Some(stated) = increment(&lines[..data], separator) {
-                let line = &lines[stated.line];
-                layout.origin = Origin::Line(line.0 + 1);
-                layout.rate = Some(stated.rate);
-                layout.second = row.first_cells(lines[stated.line + 1].1);
-                let mut names = split(line.1, separator);
-                names.resize(cells, "");
-                names
-            } else if let Some((at, names)) = in_pairs(&above) {
-                layout.origin = Origin::Line(lines[at].0 + 1);
-                names
-            } else if let Some((at, names, second)) = row.header(&above) {
-                layout.second = second;
-                let own = split(lines[at].1, separator);
-                let as_they_are = own.len() == cells && is_utf8 && usable_as_they_are(&own);
-                if at + 1 == data && as_they_are {
-                    layout.origin = Origin::Header;
-                    layout.input.skip = if at > 0 { lines[at].0 } else { 0 };
-                    return Ok(layout);
-                }
-                layout.origin = Origin::Line(lines[at].0 + 1);
-                names
-            } else if let Some((_, names, second)) = row.header(&comments) {
-                layout.origin = Origin::Comment;
-                layout.second = second;
-                names
-            } else if let Some(names) = row.shorter_header(&lines, data) {
-                layout.origin = Origin::Line(lines[data - 1].0 + 1);
-                names
-            } else {
-                let names = labels(&row_cells, marks);
-                if names.iter().any(|n| !n.is_empty()) {
-                    layout.origin = Origin::Labels;
-                }
-                names
-            };
+        let stated = below_kinds(&lines[..data], separator, cells)
+            .or_else(|| after_word_for_names(&lines[..data], separator, cells));
+        let names = if let Some((at, names)) = stated {
+            layout.origin = Origin::Line(lines[at].0 + 1);
+            names
+        } else if let Some(names) = longer {
+            layout.origin = Origin::Line(lines[data - 1].0 + 1);
+            names
+        } else if let Some(stated) = increment(&lines[..data], separator) {
+            let line = &lines[stated.line];
+            layout.origin = Origin::Line(line.0 + 1);
+            layout.rate = Some(stated.rate);
+            layout.second = row.first_cells(lines[stated.line + 1].1);
+            let mut names = split(line.1, separator);
+            names.resize(cells, "");
+            names
+        } else if let Some((at, names)) = in_pairs(&above) {
+            layout.origin = Origin::Line(lines[at].0 + 1);
+            names
+        } else if let Some((at, names, second)) = row.header(&above) {
+            layout.second = second;
+            let own = split(lines[at].1, separator);
+            let as_they_are = own.len() == cells && is_utf8 && usable_as_they_are(&own);
+            if at + 1 == data && as_they_are {
+                layout.origin = Origin::Header;
+                layout.input.skip = if at > 0 { lines[at].0 } else { 0 };
+                return Ok(layout);
+            }
+            layout.origin = Origin::Line(lines[at].0 + 1);
+            names
+        } else if let Some((_, names, second)) = row.header(&comments) {
+            layout.origin = Origin::Comment;
+            layout.second = second;
+            names
+        } else if let Some(names) = row.shorter_header(&lines, data) {
+            layout.origin = Origin::Line(lines[data - 1].0 + 1);
+            names
+        } else {
+            let names = labels(&row_cells, marks);
+            if names.iter().any(|n| !n.is_empty()) {
+                layout.origin = Origin::Labels;
+            }
+            names
+        };
         layout.input.header = header::usable(&names);
         layout.input.skip = if data > 0 { lines[data].0 } else { 0 };
         Ok(layout)
@@ -350,13 +351,35 @@ fn names_in_comments<'a>(
 ) -> Vec<Vec<&'a str>> {
     let last = comments.len().saturating_sub(1);
     let known = |n: &&str| Name::of(n).role().is_some() || n.starts_with(['[', '(']);
-    let all = comments.iter().enumerate().map(|(i, comment)| {
-        let text = comment.trim_start_matches(['%', '#', ' ', '/', '!', '*', '-']);
-        (i == last, split(text, separator))
-    });
-    all.filter(|(last, n)| n.len() == columns && (*last || n.iter().any(known)))
-        .map(|(_, names)| names)
+    let text = |c: &&'a str| c.trim_start_matches(['%', '#', ' ', '/', '!', '*', '-']);
+    let own = |i: usize, text| {
+        let names = split(text, separator);
+        let fits = names.len() == columns && (i == last || names.iter().any(known));
+        fits.then_some(names)
+    };
+    let other = |text| {
+        let names = names_in(text, separator, columns)?;
+        (names.iter().filter(|n| known(n)).count() > 1).then_some(names)
+    };
+    let all = comments.iter().map(text).enumerate();
+    all.filter_map(|(i, text)| other(text).or_else(|| own(i, text)))
         .collect()
+}
+
+/// So many names in a comment, where they stand behind a word with a colon, as in `columns: t, x`,
+/// or have another mark between them than the rows have.
+fn names_in<'a>(text: &'a str, separator: &str, count: usize) -> Option<Vec<&'a str>> {
+    let label = text.split_once(':').filter(|(label, names)| {
+        let label = label.trim();
+        let is_word = !label.is_empty() && label.chars().all(char::is_alphabetic);
+        is_word && Name::of(label).role().is_none() && !names.contains(':')
+    });
+    let text = label.map_or(text, |(_, names)| names).trim();
+    let marks = [",", ";", "\t", separator];
+    let mut all = marks.into_iter().map(|s| split(text, s));
+    let bare = |name: &'a str| name.trim_end_matches([',', ';']);
+    let names = all.find(|names| names.len() == count)?;
+    Some(names.into_iter().map(bare).collect())
 }
 
 /// The marks of a number with marks between its thousands, in any cell of a line.
@@ -499,8 +522,9 @@ fn below_stated_header(lines: &[Line]) -> usize {
 }
 
 /// First cells of lines that name the columns, without marks.
-const NAMES: [&str; 7] = [
+const NAMES: [&str; 8] = [
     "tracename",
+    "tracevalues",
     "channelname",
     "channelnames",
     "channeltitle",
@@ -528,6 +552,42 @@ fn after_word_for_names<'a>(
         };
         (columns > 1 && NAMES.contains(&word.to_lowercase().as_str())).then_some((at, names))
     })
+}
+
+/// Kinds of numbers in a line of kinds.
+const KINDS: [&str; 7] = [
+    "double", "single", "float", "float64", "float32", "int", "int32",
+];
+
+/// Place and names of the line that names the columns of numbers below a line of kinds that names
+/// the time alone: `type,time,double,double` above `trace_values,speed,force`.
+fn below_kinds<'a>(
+    above: &[Line<'a>],
+    separator: &str,
+    columns: usize,
+) -> Option<(usize, Vec<&'a str>)> {
+    let lines: Vec<Vec<&str>> = above.iter().map(|l| split(l.1, separator)).collect();
+    let is_kind = |c: &str| KINDS.contains(&c.to_lowercase().as_str());
+    let is_time = |c: &str| Name::of(c).role() == Some("time");
+    let kinds = lines.iter().position(|cells| {
+        let rest = || cells.iter().skip(1);
+        cells.len() == columns
+            && rest().filter(|c| is_time(c)).count() == 1
+            && rest().all(|c| is_time(c) || is_kind(c))
+    })?;
+    let all = || lines[kinds].iter().enumerate().skip(1);
+    let numbers = all().filter(|(_, c)| !is_time(c)).count();
+    let at = (kinds + 1..lines.len()).find(|at| lines[*at].len() == numbers + 1)?;
+    let mut own = lines[at].iter().skip(1);
+    let of = |(_, kind): (usize, &&'a str)| {
+        if is_time(kind) {
+            Some(*kind)
+        } else {
+            own.next().copied()
+        }
+    };
+    let names: Option<Vec<&str>> = std::iter::once(Some("")).chain(all().map(of)).collect();
+    names.filter(|_| numbers > 0).map(|names| (at, names))
 }
 
 /// Rows per second, where the lines above them say so.

@@ -142,3 +142,89 @@ fn roles_are_known_in_usual_languages() {
     );
     assert_eq!(spec.roles.target.column, "荷重[N]", "{text}");
 }
+
+#[test]
+fn names_in_a_comment_may_follow_a_word() {
+    for (comment, separator) in [
+        ("# signals: t[s] q[rad] i_q[A] tau_cmd[Nm]", " "),
+        ("# Columns: t[s], q[rad], i_q[A], tau_cmd[Nm]", " "),
+        ("# t[s],q[rad],i_q[A],tau_cmd[Nm]", " "),
+        ("# names: t[s], q[rad], i_q[A], tau_cmd[Nm]", ","),
+        ("# t[s] q[rad] i_q[A] tau_cmd[Nm]", " "),
+    ] {
+        let body = log("", 300, |i| {
+            let x = 0.05 * i;
+            vec![0.01 * i, x.sin(), (1.3 * x).sin(), (1.7 * x).sin()]
+        });
+        let (spec, text) = of(&format!(
+            "# bench: 7\n{comment}\n{}",
+            body.replace(',', separator)
+        ));
+        assert_eq!(
+            spec.input.header,
+            ["t[s]", "q[rad]", "i_q[A]", "tau_cmd[Nm]"],
+            "{text}"
+        );
+        let roles = &spec.roles;
+        assert_eq!(roles.time.column, "t[s]", "{text}");
+        assert_eq!(
+            (roles.target.column.as_str(), roles.target.unit.as_str()),
+            ("i_q[A]", "A"),
+            "{text}"
+        );
+        assert_eq!(roles.angle.as_ref().unwrap().column, "q[rad]", "{text}");
+        assert_eq!(roles.command.as_ref().unwrap().unit, "N·m", "{text}");
+    }
+    // A comment that has another number of words names nothing.
+    let (_, text) = of(&format!("# made, by hand, cold\n{}", rows(" ", ".")));
+    assert!(text.contains("the file has no header"), "{text}");
+}
+
+#[test]
+fn names_below_a_line_of_kinds_are_those_of_the_numbers() {
+    let body = log("", 300, |i| {
+        vec![0.01 * i, (0.05 * i).sin(), (0.07 * i).sin()]
+    });
+    let body: String = body.lines().map(|l| format!(",{l}\n")).collect();
+    let (spec, text) = of(&format!(
+        "file,bench.mat\ntype,time,double,double\n\
+         trace_values,\"Rig/Speed [mm/s]/Out1\",\"Rig/Force [kN]/Out1\"\n{body}"
+    ));
+    let roles = &spec.roles;
+    assert_eq!(roles.time.column, "time", "{text}");
+    assert_eq!(
+        (
+            roles.target.column.as_str(),
+            roles.target.unit.as_str(),
+            roles.target.scale
+        ),
+        ("Rig/Force [kN]/Out1", "N", 1e3),
+        "{text}"
+    );
+    let velocity = roles.velocity.as_ref().unwrap();
+    assert_eq!(velocity.unit, "mm/s", "{text}");
+}
+
+#[test]
+fn a_date_beside_am_and_pm_has_its_month_first() {
+    let rows: String = (0..400)
+        .map(|i| {
+            let (day, clock, half) = match i {
+                0..200 => (
+                    11,
+                    format!("11:59:{:06.3}", 58.0 + 0.01 * f64::from(i)),
+                    "PM",
+                ),
+                _ => (
+                    12,
+                    format!("12:00:{:06.3}", 0.01 * f64::from(i - 200)),
+                    "AM",
+                ),
+            };
+            format!("3/{day}/2025,{clock} {half},{},{}\n", i % 7, i % 5)
+        })
+        .collect();
+    let (spec, text) = of(&format!("Date,Time,Force (N),Angle (deg)\n{rows}"));
+    assert_eq!(spec.roles.time.column, "Date+Time", "{text}");
+    assert!(text.contains("one file of 3.99"), "{text}");
+}
