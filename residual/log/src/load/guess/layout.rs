@@ -2,6 +2,7 @@
 
 use super::super::cells::{self, Affix, Marks};
 use super::super::text;
+use super::code;
 use super::header;
 use super::names::Name;
 use crate::spec::Input;
@@ -35,6 +36,8 @@ pub(super) enum Origin {
 pub(super) struct Layout {
     pub(super) input: Input,
     pub(super) origin: Origin,
+    /// The code of its names, where it is taken for one that is not UTF-8 nor that of Windows.
+    pub(super) code: Option<&'static str>,
     /// Whether the log is text; else its columns have names and no layout.
     pub(super) is_text: bool,
     /// Cells of the second line of a header; none where it has one line.
@@ -52,6 +55,7 @@ impl Layout {
         Layout {
             input: Input::default(),
             origin: Origin::Header,
+            code: None,
             is_text: false,
             second: vec![],
             rate: None,
@@ -60,7 +64,11 @@ impl Layout {
     }
 
     pub(super) fn of(path: &Path) -> Result<Layout, Error> {
-        let (head, is_utf8) = head(path)?;
+        let Head {
+            text: head,
+            is_utf8,
+            code,
+        } = Head::of(path)?;
         let is_comment = |l: &str| l.starts_with(['%', '#']);
         let comments: Vec<&str> = head.lines().filter(|l| is_comment(l)).collect();
         let lines: Vec<Line> = head
@@ -121,6 +129,7 @@ impl Layout {
                 ..Input::default()
             },
             origin: Origin::Nothing,
+            code,
             is_text: true,
             second: vec![],
             rate: rate(&lines[..data], separator),
@@ -714,21 +723,38 @@ fn labels<'a>(row: &[&'a str], marks: Marks) -> Vec<&'a str> {
     named.collect()
 }
 
-/// The first whole lines of a log, and whether they are UTF-8. Others are taken as those of an old
-/// Windows, in which a letter is a byte.
-fn head(path: &Path) -> Result<(String, bool), Error> {
-    let mut bytes = Vec::new();
-    text::open(path)?
-        .take(LOOK)
-        .read_to_end(&mut bytes)
-        .map_err(|e| Error::io(path, e))?;
-    // The last line may be cut off.
-    if bytes.len() as u64 == LOOK {
-        bytes.truncate(bytes.iter().rposition(|b| *b == b'\n').unwrap_or(0));
+/// The first whole lines of a log.
+struct Head {
+    text: String,
+    is_utf8: bool,
+    /// The code of Japan or China that others are taken for; else that of an old Windows, in which
+    /// a letter is a byte.
+    code: Option<&'static str>,
+}
+
+impl Head {
+    fn of(path: &Path) -> Result<Head, Error> {
+        let mut bytes = Vec::new();
+        text::open(path)?
+            .take(LOOK)
+            .read_to_end(&mut bytes)
+            .map_err(|e| Error::io(path, e))?;
+        // The last line may be cut off.
+        if bytes.len() as u64 == LOOK {
+            bytes.truncate(bytes.iter().rposition(|b| *b == b'\n').unwrap_or(0));
+        }
+        let is_utf8 = std::str::from_utf8(&bytes).is_ok();
+        let other = (!is_utf8).then(|| code::decoded(&bytes)).flatten();
+        let (head, code) = match other {
+            Some((text, code)) => (text, Some(code)),
+            None => (text::decoded(&bytes), None),
+        };
+        Ok(Head {
+            text: head.trim_start_matches('\u{feff}').to_string(),
+            is_utf8,
+            code,
+        })
     }
-    let is_utf8 = std::str::from_utf8(&bytes).is_ok();
-    let head = text::decoded(&bytes);
-    Ok((head.trim_start_matches('\u{feff}').to_string(), is_utf8))
 }
 
 /// The separator that makes the most numbers of a line in the middle, and the number of cells.

@@ -597,6 +597,14 @@ fn capital(text: &str, unit: &str, scale: f64) -> f64 {
     }
 }
 
+/// How many words of names in Japanese and Chinese a text has, of two letters or more.
+pub(super) fn words_of_east_asia(text: &str) -> usize {
+    // From here on stand the letters of China, Japan and Korea.
+    let is_of = |w: &&&str| w.chars().count() > 1 && w.chars().all(|c| c >= '\u{2e80}');
+    let all = WORDS.iter().flat_map(|(_, words)| words.iter());
+    all.filter(is_of).filter(|w| text.contains(**w)).count()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -228,3 +228,31 @@ fn a_date_beside_am_and_pm_has_its_month_first() {
     assert_eq!(spec.roles.time.column, "Date+Time", "{text}");
     assert!(text.contains("one file of 3.99"), "{text}");
 }
+
+#[test]
+fn names_in_the_codes_of_japan_and_china_are_read() {
+    let body = log("", 300, |i| {
+        vec![0.01 * i, (0.05 * i).sin(), (0.07 * i).cos()]
+    });
+    for (head, code, name) in [
+        (
+            "装置,7号,\n時間,変位,荷重\n(秒),(mm),(kN)",
+            encoding_rs::SHIFT_JIS,
+            "Shift-JIS",
+        ),
+        ("时间(s),位移(mm),力(kN)", encoding_rs::GB18030, "GB18030"),
+    ] {
+        let (bytes, ..) = code.encode(head);
+        let bytes = [&bytes[..], format!("\n{body}").as_bytes()].concat();
+        let (spec, text) = run::runs_as(&bytes);
+        let roles = &spec.roles;
+        assert_eq!(roles.time.column, spec.input.header[0], "{text}");
+        assert_eq!(
+            (roles.target.unit.as_str(), roles.target.scale),
+            ("N", 1e3),
+            "{text}"
+        );
+        assert_eq!(roles.angle.as_ref().unwrap().unit, "mm", "{text}");
+        assert!(text.contains(&format!("taken for {name}")), "{text}");
+    }
+}
