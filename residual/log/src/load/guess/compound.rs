@@ -183,12 +183,14 @@ fn behind(name: &str) -> Option<Compound> {
         newton_metres,
     };
     let torque = |at: usize| {
+        // A name of nothing but `nm` may be a length in nanometres.
+        let is_length = at == 0 && name == "nm";
         let known = newton_metres(&name[at..], is_torque(&name[..at]), Place::Name)?;
-        Some(found(at, Some(known)))
+        (!is_length).then(|| found(at, Some(known)))
     };
     let open = |at: usize| {
-        let behind_blank = name[..at].ends_with([' ', '_', ',', ';']);
-        (behind_blank && is_open(&name[at..], &name[..at])).then(|| found(at, None))
+        let is_behind = name[..at].ends_with([' ', '_', ',', ';']) || name[at..].contains('^');
+        (is_behind && is_open(&name[at..], &name[..at])).then(|| found(at, None))
     };
     let starts = starts(name);
     let first = starts.iter().find_map(|at| torque(*at));
@@ -216,7 +218,7 @@ fn is_open(text: &str, rest: &str) -> bool {
     let of_symbols = header::is_symbol(text) && !is_known;
     let first = text.split('/').next().unwrap_or("");
     let is_ratio = first != text && (first == "N" || first.chars().count() > 1);
-    let is_product = text.contains(product) || is_ratio;
+    let is_product = text.contains(product) || text.contains('^') || is_ratio;
     let as_torque = newton_metres(text, true, Place::Name);
     let may_be_torque = !is_known && !is_torque(rest) && as_torque.is_some();
     let before = text.split(|c: char| !c.is_alphanumeric()).next();
@@ -282,7 +284,8 @@ fn product(a: &str, b: &str, torque: bool) -> Option<f64> {
         let forwards = find(forces, a).zip(find(lengths, b));
         let backwards = find(lengths, a).zip(find(forces, b));
         let both = forwards.or(backwards.map(|(length, force)| (force, length)));
-        both.map(|(force, length)| force * length)
+        // Without the last bits of the product.
+        both.map(|(force, length)| (force * length * 1e12).round() / 1e12)
     };
     let of_mass = || of(MASSES, LENGTHS).filter(|_| torque);
     of(FORCES, LENGTHS)
@@ -344,6 +347,7 @@ mod tests {
             ("Torque (furlong.lbf)", "furlong.lbf"),
             ("Pressure [N/mm²]", "N/mm²"),
             ("acc (m/s^2) 2", "m/s^2"),
+            ("imu.acc.m/s^2", "m/s^2"),
             ("mass moved (kg·cm)", "kg·cm"),
             ("Feed (mm/min)", "mm/min"),
             ("Signal (a.u.)", "a.u."),
@@ -382,6 +386,7 @@ mod tests {
             "vel_in_s",
             "torque_in",
             "time, s",
+            "nm",
             "a2 torque cmd [Nm2]",
             "temp (°C)",
             "pos_min",
