@@ -57,12 +57,19 @@ impl Stamp {
 /// any other text, and of eight digits alone.
 #[must_use]
 pub fn stamp(cell: &str) -> Option<Stamp> {
+    stamp_in(cell, false)
+}
+
+/// As [`stamp`]; `half` tells whether a time with AM or PM stands in another cell of the row: then
+/// the month comes first.
+#[must_use]
+pub fn stamp_in(cell: &str, half: bool) -> Option<Stamp> {
     let cell = cell.trim().trim_matches('"');
     // What is not this long, or does not begin with a digit, is no date: most text ends here.
     if !(7..=40).contains(&cell.len()) || !cell.starts_with(|c: char| c.is_ascii_digit()) {
         return None;
     }
-    if let Some(day) = date(cell, false) {
+    if let Some(day) = date(cell, half) {
         return Some(Stamp {
             seconds: day.seconds,
             nanoseconds: 0,
@@ -77,8 +84,8 @@ pub fn stamp(cell: &str) -> Option<Stamp> {
     let (day, time) = cell.split_once(['T', ' '])?;
     // Behind a date two numbers are hours and minutes.
     let whole = time.matches(':').count() != 1;
-    if let Some((stamp, half)) = time_of_day(time.trim()).filter(|_| whole) {
-        return both(date(day, half)?, stamp);
+    if let Some((stamp, own)) = time_of_day(time.trim()).filter(|_| whole) {
+        return both(date(day, half || own)?, stamp);
     }
     // Without marks: 20260304T235950.010Z.
     let (whole, rest) = time.split_at_checked(6)?;
@@ -89,6 +96,14 @@ pub fn stamp(cell: &str) -> Option<Stamp> {
     let day = format!("{}-{}-{}", &day[..4], &day[4..6], &day[6..]);
     let time = format!("{}:{}:{}{rest}", &whole[..2], &whole[2..4], &whole[4..]);
     both(date(&day, false)?, time_of_day(&time)?.0)
+}
+
+/// Whether a cell is a time of day with AM or PM behind it.
+#[must_use]
+pub fn has_half(cell: &str) -> bool {
+    let cell = cell.trim().trim_matches('"');
+    let is_time = cell.starts_with(|c: char| c.is_ascii_digit()) && (7..=40).contains(&cell.len());
+    is_time && time_of_day(cell).is_some_and(|(_, half)| half)
 }
 
 /// A day and a time of day.
@@ -157,8 +172,8 @@ fn with_month_as_number(text: &str) -> Option<String> {
         .then(|| format!("{day}.{number}.{year}"))
 }
 
-/// A date; `half` tells whether the time behind it is one of AM or PM, as in America, where the
-/// month comes first.
+/// A date; `half` tells whether its time is one of AM or PM, as in America, where the month comes
+/// first.
 fn date(text: &str, half: bool) -> Option<Day> {
     let year_first = numbers(text, '-').or_else(|| numbers(text, '/'));
     let word = with_month_as_number(text);
@@ -372,6 +387,24 @@ mod tests {
             Some((second, 877_021_589, false))
         );
         assert_eq!(of("2026-11-25"), Some((1_795_564_800, 0, false)));
+    }
+
+    #[test]
+    fn the_month_comes_first_beside_am_and_pm() {
+        let day = |cell, half| stamp_in(cell, half).map(|s| s.seconds / DAY_S);
+        assert_eq!(day("3/11/2025", true), day("2025-03-11", false));
+        assert_eq!(day("3/11/2025", false), day("2025-11-03", false));
+        assert_eq!(day("13/3/2025", true), day("2025-03-13", false));
+        assert_eq!(day("3.11.2025", true), day("2025-11-03", false));
+        for (cell, expected) in [
+            ("11:59:50.25 PM", true),
+            ("1:00:00 a. m.", true),
+            ("11:59:50.25", false),
+            ("3/11/2025 1:00:00 AM", false),
+            ("PM", false),
+        ] {
+            assert_eq!(has_half(cell), expected, "{cell}");
+        }
     }
 
     #[test]

@@ -568,7 +568,7 @@ pub(super) fn read(
                     "dates",
                     1,
                     format!(
-                        "column `{name}`: in `{cell}` day and month may be exchanged. The day was taken as the first, before AM and PM the \
+                        "column `{name}`: in `{cell}` day and month may be exchanged. The day was taken as the first, with AM and PM the \
                          month. It matters for steps over midnight only; with the year first it is sure"
                     ),
                 )
@@ -612,6 +612,8 @@ struct Seen {
     text: Option<(String, u64)>,
     /// Dates or times of day.
     time: Option<dates::Kind>,
+    /// Whether a time with AM or PM stands in another cell of the row.
+    half: bool,
     /// The first date whose day and month may be exchanged.
     unsure: Option<String>,
     /// A label or a unit around the number.
@@ -625,7 +627,7 @@ impl Seen {
             return None;
         }
         if first || self.time.is_some() {
-            if let Some(stamp) = dates::stamp(cell) {
+            if let Some(stamp) = dates::stamp_in(cell, self.half) {
                 self.time = Some(stamp.kind);
                 if stamp.unsure {
                     self.unsure.get_or_insert_with(|| cell.to_string());
@@ -675,6 +677,9 @@ fn row(
         ));
     }
     values.clear();
+    if first && record.iter().any(dates::has_half) {
+        seen.iter_mut().for_each(|seen| seen.half = true);
+    }
     for (c, cell) in record.iter().enumerate() {
         let seen = &mut seen[c];
         values.push(

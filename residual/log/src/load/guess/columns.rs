@@ -1,5 +1,6 @@
 //! Which column has which role: names first; of several joints the one that moves.
 
+use super::compound;
 use super::header;
 use super::names::{self, Name, COUNTERS};
 use super::Table;
@@ -14,20 +15,22 @@ pub(super) struct Column<'a> {
     /// The role that its name stands for.
     pub(super) role: Option<&'static str>,
     /// Its unit as the file has it, where that is none of those understood; else an empty text.
-    pub(super) stated: &'a str,
+    pub(super) stated: String,
     /// Standard deviation; 0 where nothing moves.
     pub(super) spread: f64,
 }
 
-impl<'a> Column<'a> {
+impl Column<'_> {
     /// Adds what the second line of a header says: a unit, or words that stand for a role where the
     /// name has none.
-    pub(super) fn describe(&mut self, second: &'a str) {
+    pub(super) fn describe(&mut self, second: &str) {
         let text = header::bare(second);
-        if let Some((unit, scale)) = names::known(text) {
+        let torque = compound::of_cell(text, &self.name.words).map(|scale| ("N·m", scale));
+        if let Some((unit, scale)) = torque.or_else(|| names::known(text)) {
             (self.name.unit, self.name.scale) = (unit, scale);
+            self.stated.clear();
         } else if header::is_symbol(text) {
-            self.stated = text;
+            self.stated = text.to_string();
         } else if self.role.is_none() {
             let name = Name::of(text);
             if let Some(role) = name.role() {
@@ -51,8 +54,8 @@ pub(super) fn columns(table: &Table, nameless: bool) -> Vec<Column<'_>> {
                 title,
                 values,
                 role: name.role(),
+                stated: name.stated.clone(),
                 name,
-                stated: "",
                 spread: if moves {
                     stats::deviation(&finite)
                 } else {
@@ -158,6 +161,13 @@ pub(super) fn choose(columns: &[Column], time: Option<usize>) -> Chosen {
             chosen.roles.push((role, column, question));
         }
     }
+    let of_unit = |i: &usize| *i != target && is_temperature(&columns[*i]);
+    if let Some(column) = free(columns, time).find(of_unit) {
+        if chosen.get("temperature").is_none() {
+            let question = Some("by its unit".to_string());
+            chosen.roles.push(("temperature", column, question));
+        }
+    }
     chosen.command_from_setpoint(columns, target);
     chosen.command_from_current(columns, target, time);
     chosen
@@ -188,19 +198,56 @@ fn moving_index(columns: &[Column]) -> String {
         .map_or(String::new(), |i| columns[i].name.index.clone())
 }
 
+/// What is asked about a target that is a length or an angle.
+const COORDINATE: &str = "a coordinate, as no force is named: what is to be predicted";
+
+/// Whether a column is a length or an angle by its unit: `y` in mm is no force.
+fn is_coordinate(column: &Column) -> bool {
+    ["mm", "m", "rad", "mrad", "deg", "rev"].contains(&column.name.unit)
+}
+
+/// A column that is a force or a torque by its unit only, the first that changes.
+fn by_unit(columns: &[Column], time: Option<usize>) -> Option<(usize, &'static str)> {
+    let is_force = |i: &usize| ["N", "N·m"].contains(&columns[*i].name.unit);
+    let found = free(columns, time).filter(is_force);
+    let first = found.min_by_key(|i| (columns[*i].spread == 0.0, *i))?;
+    Some((first, "by its unit: what is to be predicted"))
+}
+
+/// The last column that changes of those without a role. A temperature is the last choice: it is
+/// what acts on a machine.
+fn without_role(columns: &[Column], time: Option<usize>) -> Option<(usize, &'static str)> {
+    let key = |i: &usize| (columns[*i].spread > 0.0, !is_temperature(&columns[*i]), *i);
+    let last = free(columns, time).max_by_key(key)?;
+    Some((
+        last,
+        "the last column without a role: what is to be predicted",
+    ))
+}
+
+/// The columns without a role that measure something.
+fn free<'a>(columns: &'a [Column<'a>], time: Option<usize>) -> impl Iterator<Item = usize> + 'a {
+    let is_free = move |i: &usize| {
+        Some(*i) != time && columns[*i].role.is_none() && !is_counter(&columns[*i])
+    };
+    (0..columns.len()).filter(is_free)
+}
+
+/// Whether a column is a temperature by its unit. The `c` of `phase_c` is none.
+fn is_temperature(column: &Column) -> bool {
+    column.name.unit == "K" && !column.title.to_lowercase().ends_with("_c")
+}
+
 /// The column to predict, and the question about it.
 fn target(columns: &[Column], time: Option<usize>) -> Option<(usize, Option<String>)> {
-    let named: Vec<usize> = of_role(columns, "target", time).collect();
+    let coordinate = |i: &usize| is_coordinate(&columns[*i]);
+    let (coordinates, named): (Vec<usize>, Vec<usize>) =
+        of_role(columns, "target", time).partition(coordinate);
     if named.is_empty() {
-        let free =
-            |i: &usize| Some(*i) != time && columns[*i].role.is_none() && !is_counter(&columns[*i]);
-        let last = (0..columns.len())
-            .filter(free)
-            .max_by_key(|i| (columns[*i].spread > 0.0, *i))?;
-        return Some((
-            last,
-            Some("the last column without a role: what is to be predicted".into()),
-        ));
+        return by_unit(columns, time)
+            .or_else(|| coordinates.first().map(|i| (*i, COORDINATE)))
+            .or_else(|| without_role(columns, time))
+            .map(|(column, question)| (column, Some(question.to_string())));
     }
     let joints = |i: &usize| &columns[*i].name.index;
     let several = named.iter().any(|i| joints(i) != joints(&named[0]));
@@ -245,9 +292,21 @@ fn target(columns: &[Column], time: Option<usize>) -> Option<(usize, Option<Stri
     Some((best, question))
 }
 
+/// Words of a current, in the languages of the names.
+const CURRENTS: &[&str] = &[
+    "current",
+    "iq",
+    "strom",
+    "courant",
+    "corrente",
+    "corriente",
+    "電流",
+    "电流",
+];
+
 /// Whether a column is the current of a motor: beside a force it is what drives.
 fn is_current(column: &Column) -> bool {
-    let has = |w: &String| ["current", "iq", "strom"].contains(&w.as_str());
+    let has = |w: &String| CURRENTS.contains(&w.as_str());
     column.name.unit == "A" || column.name.words.iter().any(has)
 }
 

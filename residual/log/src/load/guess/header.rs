@@ -7,9 +7,9 @@ use std::collections::BTreeSet;
 /// names.
 const SYMBOLS: &[&str] = &[
     "s", "sec", "second", "seconds", "Second", "Volt", "Volts", "volt", "volts", "min", "h", "Hz",
-    "m", "in", "ft", "g", "N", "Nm", "lb", "lbf", "V", "A", "W", "J", "K", "C", "F", "Pa", "bar",
-    "psi", "rad", "deg", "rev", "r", "rpm", "RPM", "U", "dps", "Ohm", "Ω", "pulse", "pulses",
-    "counts", "inc", "digit", "dB",
+    "m", "in", "ft", "g", "N", "Nm", "lb", "lbf", "lbs", "oz", "ozf", "kgf", "gf", "V", "A", "W",
+    "J", "K", "C", "F", "Pa", "bar", "psi", "rad", "deg", "rev", "r", "rpm", "RPM", "U", "dps",
+    "Ohm", "Ω", "pulse", "pulses", "counts", "inc", "digit", "dB",
 ];
 
 /// Prefixes of units.

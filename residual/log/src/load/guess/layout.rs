@@ -2,6 +2,7 @@
 
 use super::super::cells::{self, Affix, Marks};
 use super::super::text;
+use super::code;
 use super::header;
 use super::names::Name;
 use crate::spec::Input;
@@ -35,6 +36,8 @@ pub(super) enum Origin {
 pub(super) struct Layout {
     pub(super) input: Input,
     pub(super) origin: Origin,
+    /// The code of its names, where it is taken for one that is not UTF-8 nor that of Windows.
+    pub(super) code: Option<&'static str>,
     /// Whether the log is text; else its columns have names and no layout.
     pub(super) is_text: bool,
     /// Cells of the second line of a header; none where it has one line.
@@ -52,6 +55,7 @@ impl Layout {
         Layout {
             input: Input::default(),
             origin: Origin::Header,
+            code: None,
             is_text: false,
             second: vec![],
             rate: None,
@@ -60,7 +64,11 @@ impl Layout {
     }
 
     pub(super) fn of(path: &Path) -> Result<Layout, Error> {
-        let (head, is_utf8) = head(path)?;
+        let Head {
+            text: head,
+            is_utf8,
+            code,
+        } = Head::of(path)?;
         let is_comment = |l: &str| l.starts_with(['%', '#']);
         let comments: Vec<&str> = head.lines().filter(|l| is_comment(l)).collect();
         let lines: Vec<Line> = head
@@ -121,6 +129,7 @@ impl Layout {
                 ..Input::default()
             },
             origin: Origin::Nothing,
+            code,
             is_text: true,
             second: vec![],
             rate: rate(&lines[..data], separator),
@@ -131,49 +140,50 @@ impl Layout {
         let marked = marked.filter(|l| MARKED.iter().any(|mark| l.starts_with(mark)));
         let comments = names_in_comments(marked.chain(comments).collect(), separator, cells);
         let longer = row.longer_header(&lines[..data]);
-        let names =
-            if let Some((at, names)) = after_word_for_names(&lines[..data], separator, cells) {
-                layout.origin = Origin::Line(lines[at].0 + 1);
-                names
-            } else if let Some(names) = longer {
-                layout.origin = Origin::Line(lines[data - 1].0 + 1);
-                names
-            } else if let Some(stated) = increment(&lines[..data], separator) {
-                let line = &lines[stated.line];
-                layout.origin = Origin::Line(line.0 + 1);
-                layout.rate = Some(stated.rate);
-                layout.second = row.first_cells(lines[stated.line + 1].1);
-                let mut names = split(line.1, separator);
-                names.resize(cells, "");
-                names
-            } else if let Some((at, names)) = in_pairs(&above) {
-                layout.origin = Origin::Line(lines[at].0 + 1);
-                names
-            } else if let Some((at, names, second)) = row.header(&above) {
-                layout.second = second;
-                let own = split(lines[at].1, separator);
-                let as_they_are = own.len() == cells && is_utf8 && usable_as_they_are(&own);
-                if at + 1 == data && as_they_are {
-                    layout.origin = Origin::Header;
-                    layout.input.skip = if at > 0 { lines[at].0 } else { 0 };
-                    return Ok(layout);
-                }
-                layout.origin = Origin::Line(lines[at].0 + 1);
-                names
-            } else if let Some((_, names, second)) = row.header(&comments) {
-                layout.origin = Origin::Comment;
-                layout.second = second;
-                names
-            } else if let Some(names) = row.shorter_header(&lines, data) {
-                layout.origin = Origin::Line(lines[data - 1].0 + 1);
-                names
-            } else {
-                let names = labels(&row_cells, marks);
-                if names.iter().any(|n| !n.is_empty()) {
-                    layout.origin = Origin::Labels;
-                }
-                names
-            };
+        let stated = below_kinds(&lines[..data], separator, cells)
+            .or_else(|| after_word_for_names(&lines[..data], separator, cells));
+        let names = if let Some((at, names)) = stated {
+            layout.origin = Origin::Line(lines[at].0 + 1);
+            names
+        } else if let Some(names) = longer {
+            layout.origin = Origin::Line(lines[data - 1].0 + 1);
+            names
+        } else if let Some(stated) = increment(&lines[..data], separator) {
+            let line = &lines[stated.line];
+            layout.origin = Origin::Line(line.0 + 1);
+            layout.rate = Some(stated.rate);
+            layout.second = row.first_cells(lines[stated.line + 1].1);
+            let mut names = split(line.1, separator);
+            names.resize(cells, "");
+            names
+        } else if let Some((at, names)) = in_pairs(&above) {
+            layout.origin = Origin::Line(lines[at].0 + 1);
+            names
+        } else if let Some((at, names, second)) = row.header(&above) {
+            layout.second = second;
+            let own = split(lines[at].1, separator);
+            let as_they_are = own.len() == cells && is_utf8 && usable_as_they_are(&own);
+            if at + 1 == data && as_they_are {
+                layout.origin = Origin::Header;
+                layout.input.skip = if at > 0 { lines[at].0 } else { 0 };
+                return Ok(layout);
+            }
+            layout.origin = Origin::Line(lines[at].0 + 1);
+            names
+        } else if let Some((_, names, second)) = row.header(&comments) {
+            layout.origin = Origin::Comment;
+            layout.second = second;
+            names
+        } else if let Some(names) = row.shorter_header(&lines, data) {
+            layout.origin = Origin::Line(lines[data - 1].0 + 1);
+            names
+        } else {
+            let names = labels(&row_cells, marks);
+            if names.iter().any(|n| !n.is_empty()) {
+                layout.origin = Origin::Labels;
+            }
+            names
+        };
         layout.input.header = header::usable(&names);
         layout.input.skip = if data > 0 { lines[data].0 } else { 0 };
         Ok(layout)
@@ -350,13 +360,35 @@ fn names_in_comments<'a>(
 ) -> Vec<Vec<&'a str>> {
     let last = comments.len().saturating_sub(1);
     let known = |n: &&str| Name::of(n).role().is_some() || n.starts_with(['[', '(']);
-    let all = comments.iter().enumerate().map(|(i, comment)| {
-        let text = comment.trim_start_matches(['%', '#', ' ', '/', '!', '*', '-']);
-        (i == last, split(text, separator))
-    });
-    all.filter(|(last, n)| n.len() == columns && (*last || n.iter().any(known)))
-        .map(|(_, names)| names)
+    let text = |c: &&'a str| c.trim_start_matches(['%', '#', ' ', '/', '!', '*', '-']);
+    let own = |i: usize, text| {
+        let names = split(text, separator);
+        let fits = names.len() == columns && (i == last || names.iter().any(known));
+        fits.then_some(names)
+    };
+    let other = |text| {
+        let names = names_in(text, separator, columns)?;
+        (names.iter().filter(|n| known(n)).count() > 1).then_some(names)
+    };
+    let all = comments.iter().map(text).enumerate();
+    all.filter_map(|(i, text)| other(text).or_else(|| own(i, text)))
         .collect()
+}
+
+/// So many names in a comment, where they stand behind a word with a colon, as in `columns: t, x`,
+/// or have another mark between them than the rows have.
+fn names_in<'a>(text: &'a str, separator: &str, count: usize) -> Option<Vec<&'a str>> {
+    let label = text.split_once(':').filter(|(label, names)| {
+        let label = label.trim();
+        let is_word = !label.is_empty() && label.chars().all(char::is_alphabetic);
+        is_word && Name::of(label).role().is_none() && !names.contains(':')
+    });
+    let text = label.map_or(text, |(_, names)| names).trim();
+    let marks = [",", ";", "\t", separator];
+    let mut all = marks.into_iter().map(|s| split(text, s));
+    let bare = |name: &'a str| name.trim_end_matches([',', ';']);
+    let names = all.find(|names| names.len() == count)?;
+    Some(names.into_iter().map(bare).collect())
 }
 
 /// The marks of a number with marks between its thousands, in any cell of a line.
@@ -499,8 +531,9 @@ fn below_stated_header(lines: &[Line]) -> usize {
 }
 
 /// First cells of lines that name the columns, without marks.
-const NAMES: [&str; 7] = [
+const NAMES: [&str; 8] = [
     "tracename",
+    "tracevalues",
     "channelname",
     "channelnames",
     "channeltitle",
@@ -528,6 +561,42 @@ fn after_word_for_names<'a>(
         };
         (columns > 1 && NAMES.contains(&word.to_lowercase().as_str())).then_some((at, names))
     })
+}
+
+/// Kinds of numbers in a line of kinds.
+const KINDS: [&str; 7] = [
+    "double", "single", "float", "float64", "float32", "int", "int32",
+];
+
+/// Place and names of the line that names the columns of numbers below a line of kinds that names
+/// the time alone: `type,time,double,double` above `trace_values,speed,force`.
+fn below_kinds<'a>(
+    above: &[Line<'a>],
+    separator: &str,
+    columns: usize,
+) -> Option<(usize, Vec<&'a str>)> {
+    let lines: Vec<Vec<&str>> = above.iter().map(|l| split(l.1, separator)).collect();
+    let is_kind = |c: &str| KINDS.contains(&c.to_lowercase().as_str());
+    let is_time = |c: &str| Name::of(c).role() == Some("time");
+    let kinds = lines.iter().position(|cells| {
+        let rest = || cells.iter().skip(1);
+        cells.len() == columns
+            && rest().filter(|c| is_time(c)).count() == 1
+            && rest().all(|c| is_time(c) || is_kind(c))
+    })?;
+    let all = || lines[kinds].iter().enumerate().skip(1);
+    let numbers = all().filter(|(_, c)| !is_time(c)).count();
+    let at = (kinds + 1..lines.len()).find(|at| lines[*at].len() == numbers + 1)?;
+    let mut own = lines[at].iter().skip(1);
+    let of = |(_, kind): (usize, &&'a str)| {
+        if is_time(kind) {
+            Some(*kind)
+        } else {
+            own.next().copied()
+        }
+    };
+    let names: Option<Vec<&str>> = std::iter::once(Some("")).chain(all().map(of)).collect();
+    names.filter(|_| numbers > 0).map(|names| (at, names))
 }
 
 /// Rows per second, where the lines above them say so.
@@ -654,21 +723,38 @@ fn labels<'a>(row: &[&'a str], marks: Marks) -> Vec<&'a str> {
     named.collect()
 }
 
-/// The first whole lines of a log, and whether they are UTF-8. Others are taken as those of an old
-/// Windows, in which a letter is a byte.
-fn head(path: &Path) -> Result<(String, bool), Error> {
-    let mut bytes = Vec::new();
-    text::open(path)?
-        .take(LOOK)
-        .read_to_end(&mut bytes)
-        .map_err(|e| Error::io(path, e))?;
-    // The last line may be cut off.
-    if bytes.len() as u64 == LOOK {
-        bytes.truncate(bytes.iter().rposition(|b| *b == b'\n').unwrap_or(0));
+/// The first whole lines of a log.
+struct Head {
+    text: String,
+    is_utf8: bool,
+    /// The code of Japan or China that others are taken for; else that of an old Windows, in which
+    /// a letter is a byte.
+    code: Option<&'static str>,
+}
+
+impl Head {
+    fn of(path: &Path) -> Result<Head, Error> {
+        let mut bytes = Vec::new();
+        text::open(path)?
+            .take(LOOK)
+            .read_to_end(&mut bytes)
+            .map_err(|e| Error::io(path, e))?;
+        // The last line may be cut off.
+        if bytes.len() as u64 == LOOK {
+            bytes.truncate(bytes.iter().rposition(|b| *b == b'\n').unwrap_or(0));
+        }
+        let is_utf8 = std::str::from_utf8(&bytes).is_ok();
+        let other = (!is_utf8).then(|| code::decoded(&bytes)).flatten();
+        let (head, code) = match other {
+            Some((text, code)) => (text, Some(code)),
+            None => (text::decoded(&bytes), None),
+        };
+        Ok(Head {
+            text: head.trim_start_matches('\u{feff}').to_string(),
+            is_utf8,
+            code,
+        })
     }
-    let is_utf8 = std::str::from_utf8(&bytes).is_ok();
-    let head = text::decoded(&bytes);
-    Ok((head.trim_start_matches('\u{feff}').to_string(), is_utf8))
 }
 
 /// The separator that makes the most numbers of a line in the middle, and the number of cells.

@@ -5,13 +5,17 @@
 //! |---|---|
 //! | `layout.rs` | separator, decimal mark, comments, header |
 //! | `header.rs` | headers of two lines: names, then units |
+//! | `code.rs` | names in the old codes of Japan and China |
+//! | `compound.rs` | units of several parts: torques, and what stays as it stands |
 //! | `names.rs` | role, unit and index by the name of a column |
 //! | `columns.rs` | which column has which role |
 //! | `time.rs` | the column of the time, and its unit |
 //! | `units.rs` | units of angle and velocity by their values |
 //! | `write.rs` | the text of the model file |
 
+mod code;
 mod columns;
+mod compound;
 mod header;
 mod layout;
 mod names;

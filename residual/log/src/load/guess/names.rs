@@ -1,10 +1,25 @@
 //! What the name of a column says: role, unit, and the index of a joint.
 
-/// Parts of names by role. The role of the first row that fits counts; none for the first row.
+use super::compound::{self, Compound};
+
+/// Parts of names by role, in English, German, French, Italian, Spanish, Portuguese, Japanese and
+/// Chinese, the usual ones in other languages too. The role of the first row that fits counts; none
+/// for the first row.
 const WORDS: &[(&str, &[&str])] = &[
     (
         "",
-        &["error", "err", "enable", "status", "seq", "acc", "accel"],
+        &[
+            "error",
+            "err",
+            "enable",
+            "status",
+            "seq",
+            "acc",
+            "accel",
+            // Japanese and Chinese, and Korean: an acceleration has the word of a velocity in it.
+            "加速度",
+            "가속도",
+        ],
     ),
     (
         "time",
@@ -112,6 +127,10 @@ const WORDS: &[(&str, &[&str])] = &[
             "скорость",
             "速度",
             "속도",
+            // Japanese; Chinese, in both scripts.
+            "回転数",
+            "转速",
+            "轉速",
         ],
     ),
     (
@@ -147,9 +166,56 @@ const WORDS: &[(&str, &[&str])] = &[
             "角度",
             "位置",
             "각도",
+            "crosshead",
+            "extension",
+            "elongation",
+            "deflection",
+            // German.
+            "standardweg",
+            "traversenweg",
+            "kolbenweg",
+            "verschiebung",
+            "auslenkung",
+            // French.
+            "deplacement",
+            "course",
+            "allongement",
+            // Italian.
+            "corsa",
+            "spostamento",
+            // Spanish.
+            "posicion",
+            "desplazamiento",
+            "carrera",
+            "angulo",
+            // Portuguese.
+            "posição",
+            "posicao",
+            "deslocamento",
+            "curso",
+            // Japanese.
+            "変位",
+            "伸び",
+            "ストローク",
+            // Chinese, in both scripts.
+            "位移",
+            "行程",
+            "转角",
+            "轉角",
         ],
     ),
-    ("temperature", &["temperature", "temp", "temperatur"]),
+    (
+        "temperature",
+        &[
+            "temperature",
+            "temp",
+            "temperatur",
+            "thermocouple",
+            "température",
+            "温度",
+            "溫度",
+        ],
+    ),
     (
         "target",
         &[
@@ -183,8 +249,45 @@ const WORDS: &[(&str, &[&str])] = &[
             "張力",
             "拉力",
             "하중",
+            // The axes of a plate or a sensor of forces.
+            "fx",
+            "fy",
+            "fz",
+            "mx",
+            "mz",
+            // Spanish and Italian, French and Portuguese, without their accents too.
+            "carga",
+            "carico",
+            "couple",
+            "forca",
+            // A current in French, Italian and Portuguese, and Spanish.
+            "courant",
+            "corrente",
+            "corriente",
+            // Japanese.
+            "力",
+            "試験力",
+            "トルク",
+            "電流",
+            // Chinese, in both scripts.
+            "试验力",
+            "载荷",
+            "載荷",
+            "负荷",
+            "負荷",
+            "扭矩",
+            "转矩",
+            "轉矩",
+            "力矩",
+            "电流",
         ],
     ),
+];
+
+/// Words that are parts of words of another meaning, as `curso` of `cursor`: they count alone
+/// only.
+const ALONE: &[&str] = &[
+    "curso", "course", "carga", "carico", "couple", "forca", "carrera",
 ];
 
 /// Words of columns that count rows.
@@ -224,6 +327,7 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("seconds", "s", 1.0),
     ("sec", "s", 1.0),
     ("s", "s", 1.0),
+    ("秒", "s", 1.0),
     ("min", "s", 60.0),
     ("minutes", "s", 60.0),
     ("h", "s", 3600.0),
@@ -241,13 +345,21 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("mn", "N", 1e-3),
     ("mnm", "N·m", 1e-3),
     ("ncm", "N·m", 1e-2),
+    ("dan", "N", 10.0),
+    ("cn", "N", 1e-2),
     ("kgf", "N", 9.806_65),
+    ("gf", "N", 9.806_65e-3),
+    ("ozf", "N", 0.278_013_851),
+    ("lbs", "N", 4.448_221_615),
     ("lbf", "N", 4.448_221_615),
     ("lb", "N", 4.448_221_615),
     ("kip", "N", 4_448.221_615),
     ("kips", "N", 4_448.221_615),
     ("mm", "mm", 1.0),
     ("cm", "mm", 10.0),
+    ("µm", "mm", 1e-3),
+    ("μm", "mm", 1e-3),
+    ("um", "mm", 1e-3),
     ("in", "mm", 25.4),
     ("inch", "mm", 25.4),
     ("ft", "m", 0.3048),
@@ -259,9 +371,13 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("v", "V", 1.0),
     ("volt", "V", 1.0),
     ("volts", "V", 1.0),
+    ("deg_c", "K", 1.0),
     ("c", "K", 1.0),
     ("degc", "K", 1.0),
 ];
+
+/// Units that stand alone as the name of a column, of two letters or more.
+const NAMELESS: &[&str] = &["ma", "mv", "kn", "mn", "mm", "kgf", "lbf", "deg_c", "degc"];
 
 /// A name, taken apart.
 #[derive(Debug, Clone, PartialEq)]
@@ -274,12 +390,67 @@ pub(super) struct Name {
     pub(super) unit: &'static str,
     /// Factor from cell to unit.
     pub(super) scale: f64,
+    /// Its unit as the file has it, where it is made of several and not known; else an empty text.
+    pub(super) stated: String,
 }
 
 impl Name {
     pub(super) fn of(name: &str) -> Name {
+        let name = without_port(name);
+        let mut found = match compound::of(name) {
+            Some(unit) => Name::with(unit),
+            None => Name::of_parts(name),
+        };
+        // A length may be in nanometres.
+        let is_motion = matches!(found.role(), Some("angle" | "velocity"));
+        if is_motion && found.unit == "N·m" {
+            let unit = parts(name).pop().unwrap_or_default();
+            (found.unit, found.scale, found.stated) = ("", 1.0, unit);
+        }
+        found
+    }
+
+    /// A name with a unit of several parts.
+    fn with(unit: Compound) -> Name {
+        let (unit_name, scale, stated) = match unit.newton_metres {
+            Some(scale) => ("N·m", scale, String::new()),
+            None => ("", 1.0, unit.text),
+        };
+        Name {
+            unit: unit_name,
+            scale,
+            stated,
+            ..Name::of_words(&parts(&unit.rest))
+        }
+    }
+
+    /// Words and numbers of a name without a unit.
+    fn of_words(parts: &[String]) -> Name {
+        let (mut words, mut numbers): (Vec<String>, Vec<String>) = Default::default();
+        for part in parts {
+            let word = part.trim_end_matches(|c: char| c.is_ascii_digit());
+            match words.last_mut() {
+                // A component of a motor's current or voltage: `i_q`.
+                Some(last) if word == "q" && ["i", "u"].contains(&last.as_str()) => last.push('q'),
+                _ if word.is_empty() => {}
+                _ => words.push(word.to_string()),
+            }
+            if let Ok(number) = part[word.len()..].parse::<u64>() {
+                numbers.push(number.to_string());
+            }
+        }
+        Name {
+            words,
+            index: numbers.join("."),
+            unit: "",
+            scale: 1.0,
+            stated: String::new(),
+        }
+    }
+
+    /// A name with a unit of the table, or without one.
+    fn of_parts(name: &str) -> Name {
         let mut parts = parts(name);
-        let mut numbers: Vec<String> = Vec::new();
         // The index stands before or after the unit: `q7_rad`, `q_rad_7`.
         let last = parts
             .last()
@@ -289,24 +460,10 @@ impl Name {
             parts.pop();
         }
         let (count, mut unit, mut scale) = unit(&parts);
+        scale = capital(name, unit, scale);
         let ending = parts.split_off(parts.len() - count);
         parts.extend(last);
-        let mut words = Vec::new();
-        for part in &parts {
-            let word = part.trim_end_matches(|c: char| c.is_ascii_digit());
-            if !word.is_empty() {
-                words.push(word.to_string());
-            }
-            if let Ok(number) = part[word.len()..].parse::<u64>() {
-                numbers.push(number.to_string());
-            }
-        }
-        let mut name = Name {
-            words,
-            index: numbers.join("."),
-            unit: "",
-            scale: 1.0,
-        };
+        let mut name = Name::of_words(&parts);
         // An `in` may be a side of something, and a letter part of a unit that is not known: a
         // speed is not in s.
         let role = name.role();
@@ -354,19 +511,31 @@ impl Name {
         if self.words == ["temps"] {
             return Some("time");
         }
+        // The moment about an axis, and not an English word.
+        if self.words == ["my"] {
+            return Some("target");
+        }
         // A desired value, as libfranka names it: `tau_J_d`.
         if self.words.len() > 1 && self.words.last().is_some_and(|w| w == "d") {
             return Some("setpoint");
         }
         let whole = self.words.join("_");
-        let fits =
-            |w: &&str| self.words.iter().any(|p| p == w) || (w.len() > 3 && whole.contains(*w));
+        let is_within = |w: &str| w.len() > 3 && !ALONE.contains(&w) && whole.contains(w);
+        let fits = |w: &&str| self.words.iter().any(|p| p == w) || is_within(w);
         WORDS
             .iter()
             .find(|(_, words)| words.iter().any(&fits))
             .map(|(role, _)| *role)
             .filter(|role| !role.is_empty())
     }
+}
+
+/// A name without the number of a port, which Simulink writes behind a path: `Rig/Force [N]/Out1`.
+fn without_port(name: &str) -> &str {
+    let port = name.trim_matches('"').rsplit_once("/Out");
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    port.filter(|(_, number)| is_number(number))
+        .map_or(name, |(path, _)| path)
 }
 
 /// The parts of a name in lower case: `jointPos[3] (°/s)` has joint, pos, 3, deg and s.
@@ -398,7 +567,10 @@ fn unit(parts: &[String]) -> (usize, &'static str, f64) {
         if ends && parts.len() > count {
             return (count, unit, *scale);
         }
-        // `rpm` and `millis` are name and unit in one.
+        // `rpm` and `millis` are name and unit in one, and `mA` has no name.
+        if ends && NAMELESS.contains(ending) {
+            return (0, unit, *scale);
+        }
         if ends && ending.len() > 2 && WORDS.iter().any(|(_, words)| words.contains(ending)) {
             return (0, unit, *scale);
         }
@@ -410,7 +582,27 @@ fn unit(parts: &[String]) -> (usize, &'static str, f64) {
 pub(super) fn known(text: &str) -> Option<(&'static str, f64)> {
     let whole = parts(text).join("_");
     let row = UNITS.iter().find(|(ending, _, _)| *ending == whole)?;
-    Some((row.1, row.2))
+    Some((row.1, capital(text, row.1, row.2)))
+}
+
+/// The factor of a unit at the end of a text: `MN` is no `mN`, the only pair of the table that
+/// differs in capitals only.
+fn capital(text: &str, unit: &str, scale: f64) -> f64 {
+    let mut last = text.rsplit(|c: char| !c.is_alphabetic());
+    let last = last.find(|part| !part.is_empty());
+    if unit == "N" && scale == 1e-3 && last == Some("MN") {
+        1e6
+    } else {
+        scale
+    }
+}
+
+/// How many words of names in Japanese and Chinese a text has, of two letters or more.
+pub(super) fn words_of_east_asia(text: &str) -> usize {
+    // From here on stand the letters of China, Japan and Korea.
+    let is_of = |w: &&&str| w.chars().count() > 1 && w.chars().all(|c| c >= '\u{2e80}');
+    let all = WORDS.iter().flat_map(|(_, words)| words.iter());
+    all.filter(is_of).filter(|w| text.contains(**w)).count()
 }
 
 #[cfg(test)]
@@ -494,6 +686,14 @@ mod tests {
             ("force_kip", "N", 4_448.221_615),
             ("force [kN]", "N", 1e3),
             ("Kraft (mN)", "N", 1e-3),
+            ("Kraft (MN)", "N", 1e6),
+            ("Torque (ft-lb)", "N·m", 1.355_817_948_252),
+            ("Torque [in·lbf]", "N·m", 0.112_984_829_021),
+            ("torque_kgf_cm", "N·m", 0.098_066_5),
+            ("Force in lbf", "N", 4.448_221_615),
+            ("Stiffness (N/mm)", "", 1.0),
+            ("position (nm)", "", 1.0),
+            ("Rig/Force [N]/Out1", "N", 1.0),
             ("speed (mrad/s)", "rad/s", 1e-3),
             ("speed_furlong_s", "", 1.0),
             ("delay_s", "s", 1.0),

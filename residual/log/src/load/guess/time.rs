@@ -174,7 +174,7 @@ fn unit(column: &Column, step: f64, slope: Option<f64>) -> (f64, Option<String>)
         return (column.name.scale, None);
     }
     // A unit that is not one of those of names, such as minutes.
-    if let Some(scale) = residual_columns::units::seconds(column.stated) {
+    if let Some(scale) = residual_columns::units::seconds(&column.stated) {
         return (scale, None);
     }
     let first = column.values.iter().copied().find(|v| v.is_finite());

@@ -22,7 +22,7 @@ impl Measure {
     pub(super) fn of(column: &Column) -> Measure {
         let known = !column.name.unit.is_empty();
         if !known && !column.stated.is_empty() {
-            return Measure::guessed(column.stated, "unit, as the file has it".into());
+            return Measure::guessed(&column.stated, "unit, as the file has it".into());
         }
         Measure {
             unit: column.name.unit.into(),

@@ -141,7 +141,10 @@ fn input(out: &mut String, layout: &Layout) {
             Origin::Labels => "from the labels in the rows".into(),
             _ => "the file has no header: name its columns".into(),
         };
-        let _ = writeln!(out, "header = [{}]   # ? {origin}", names.join(", "));
+        let code = layout.code.map_or(String::new(), |code| {
+            format!("; their code is taken for {code}, as the file is no UTF-8")
+        });
+        let _ = writeln!(out, "header = [{}]   # ? {origin}{code}", names.join(", "));
     }
 }
 

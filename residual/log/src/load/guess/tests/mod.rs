@@ -1,6 +1,7 @@
 //! Model files as a user gets them, from whole logs.
 
 mod run;
+mod strange;
 
 use super::*;
 use crate::spec::Spec;

@@ -7,7 +7,7 @@ fn runs(text: &str) -> (Spec, String) {
     runs_as(text.as_bytes())
 }
 
-fn runs_as(bytes: &[u8]) -> (Spec, String) {
+pub(super) fn runs_as(bytes: &[u8]) -> (Spec, String) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.txt");
     std::fs::write(&path, bytes).unwrap();
