@@ -190,10 +190,11 @@ impl CheckIn {
 const STILL_COUNTS: u64 = 2;
 
 /// Swing of tension less command that no resting reel allows, where no more friction is declared
-/// than that of the example rig. A reel that stands holds what friction lets it: from 0.91 + 0.154
-/// T below the command to as much above, which is 5.5 N at 12 N. More than that moves the reel, by 1 mm in 24 N of an elastic cable and so by dozens of
-/// counts. The tension alone says nothing: with a robot that moves away while the command rises it
-/// goes from 0 to 12 N, and the reel rests.
+/// than that of the example rig. A reel that stands holds what friction lets it: from
+/// 0.91 + 0.154 T below the command to as much above, which is 5.5 N at 12 N. More than that moves
+/// the reel, by 1 mm in 24 N of an elastic cable and so by dozens of counts. The tension alone says
+/// nothing: with a robot that moves away while the command rises it goes from 0 to 12 N, and the
+/// reel rests.
 pub const STILL_SWING: Newton = Newton::from_un(6_000_000);
 
 /// The same where friction holds `sides` from below the command to above it at the largest tension.

@@ -278,8 +278,8 @@ mod tests {
     use super::*;
     use session::LatchedFault;
 
-    /// A person's stop ends more than the trial, whenever it is noticed, and so does a fault that no
-    /// attempt clears.
+    /// A person's stop ends more than the trial, whenever it is noticed, and so does a fault that
+    /// no attempt clears.
     #[test]
     fn a_stop_is_told_from_other_faults() {
         let of = |code: control::Fault| LatchedFault::new(code.code(), 0);
