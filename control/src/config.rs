@@ -391,19 +391,18 @@ impl Config {
     }
 
     /// Tension that the cable must come down to once its motor is at 0 V
-    /// ([`let_go`](crate::let_go::let_go)).
+    /// ([`friction::Model::let_go`](crate::friction::Model::let_go)).
     #[must_use]
     pub fn let_go(&self) -> Newton {
-        crate::let_go::let_go(self.friction.most(Newton::ZERO))
+        self.friction.let_go()
     }
 
-    /// Swing of tension less command that the resting reel can hold, at the largest tension:
-    /// friction changes sides ([`crate::supervisor::still_swing`]).
+    /// Swing of tension less command that the resting reel may hold
+    /// ([`friction::Model::still_swing`](crate::friction::Model::still_swing)).
     #[must_use]
     pub fn still_swing(&self) -> Newton {
         let largest = Newton::from_un(self.wire.tension_max_un);
-        let sides = (self.friction.most(largest)).saturating_sub(self.friction.least(largest));
-        crate::supervisor::still_swing(sides)
+        self.friction.still_swing(largest)
     }
 
     /// Whether this unit takes part.

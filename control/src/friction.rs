@@ -40,6 +40,32 @@ impl Direction {
     }
 }
 
+/// Tension that a cable must come down to after 0 V, where no more friction is declared than that
+/// of the example rig: what it holds at rest, 1.1 N, and a margin.
+pub const LET_GO: Newton = Newton::from_un(1_700_000);
+
+/// The same over what the declared friction holds at 0 V, times 32: [`LET_GO`] over the 1.064 N of
+/// the example rig. Its share of the load, breakaway and what the robot's motion adds grow with
+/// it: a reel with 1.85 N declared was seen to hold 2.84 N.
+const LET_GO_SHARE_Q5: i64 = 51;
+
+/// Swing of tension less command that no resting reel allows, where no more friction is declared
+/// than that of the example rig. A reel that stands holds what friction lets it: from
+/// 0.91 + 0.154 T below the command to as much above, which is 5.5 N at 12 N. More than that moves
+/// the reel, by 1 mm in 24 N of an elastic cable and so by dozens of counts. The tension alone says
+/// nothing: with a robot that moves away while the command rises it goes from 0 to 12 N, and the
+/// reel rests.
+pub const STILL_SWING: Newton = Newton::from_un(6_000_000);
+
+/// The same over what the declared friction holds from one side to the other, times 32: as far
+/// beyond as [`STILL_SWING`] is beyond the 5.5 N of the example rig, which keeps it.
+const STILL_SHARE_Q5: i64 = 34;
+
+/// A part of a force, in 32nds.
+fn share(force: Newton, q5: i64) -> Newton {
+    Newton::from_wide((i64::from(force.to_bits()) * q5) >> 5)
+}
+
 /// The inverse friction model and the direction estimate's scale, precomputed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Model {
@@ -135,6 +161,21 @@ impl Model {
     pub const fn most(&self, command: Newton) -> Newton {
         let pull = (command.to_bits() as i64 * self.gain_out_q16 as i64) >> 16;
         Newton::from_wide(pull + self.offset as i64 + self.coulomb as i64)
+    }
+
+    /// Tension that the cable must come down to once its motor is at 0 V: what the declared friction
+    /// holds then, and a margin.
+    #[must_use]
+    pub fn let_go(&self) -> Newton {
+        LET_GO.max(share(self.most(Newton::ZERO), LET_GO_SHARE_Q5))
+    }
+
+    /// Swing of tension less command that the resting reel may hold up to a `largest` tension:
+    /// friction changes sides.
+    #[must_use]
+    pub fn still_swing(&self, largest: Newton) -> Newton {
+        let sides = self.most(largest).saturating_sub(self.least(largest));
+        STILL_SWING.max(share(sides, STILL_SHARE_Q5))
     }
 
     /// The command that makes `tension` while the reel moves in `direction`, with the reel `speed`

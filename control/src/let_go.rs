@@ -20,31 +20,16 @@
 //! is off) nothing shows it either: that counts as not let go.
 
 use crate::friction::travel;
+#[cfg(doc)]
+use crate::friction::Model;
 use crate::plausible::milli;
 use crate::units::{EncoderCounts, Micros, Newton};
 use wire::UnitIndex;
 
-/// Tension that a cable must come down to after 0 V, where no more friction is declared than that
-/// of the example rig: what it holds at rest, 1.1 N, and a margin.
-pub const LET_GO: Newton = Newton::from_un(1_700_000);
-
-/// The same over what the declared friction holds at 0 V, times 32: [`LET_GO`] over the 1.064 N of
-/// the example rig. Its share of the load, breakaway and what the robot's motion adds grow with
-/// it: a reel with 1.85 N declared was seen to hold 2.84 N.
-const LET_GO_SHARE_Q5: i32 = 51;
-
-/// How far above [`let_go`] letting go is told from holding on.
+/// How far above the unit's [`Model::let_go`] letting go is told from holding on.
 const HELD_BEYOND: Newton = Newton::from_un(300_000);
 
-/// Tension that a cable must come down to after 0 V, from what its reel's declared friction holds
-/// then.
-#[must_use]
-pub fn let_go(friction: Newton) -> Newton {
-    let declared = i64::from(friction.to_bits()) * i64::from(LET_GO_SHARE_Q5);
-    LET_GO.max(Newton::from_wide(declared >> 5))
-}
-
-/// Tension from which letting go is told from holding on, by the unit's [`let_go`].
+/// Tension from which letting go is told from holding on.
 const fn held(let_go: Newton) -> Newton {
     let_go.saturating_add(HELD_BEYOND)
 }
@@ -113,7 +98,7 @@ pub struct Released {
     pub missed: bool,
     /// Filtered cable tension.
     pub tension: Newton,
-    /// What it must come down to: [`let_go`] of the unit.
+    /// What it must come down to: [`Model::let_go`] of the unit.
     pub let_go: Newton,
     /// Other motors of the board are driven.
     pub others_drive: bool,
@@ -227,7 +212,7 @@ impl LetGo {
     }
 
     /// 0 V was written. Starts the watch where the unit was driven with enough tension to see it go
-    /// below its [`let_go`].
+    /// below its [`Model::let_go`].
     pub fn switched_off(&mut self, now: Micros, let_go: Newton) {
         if let Some((at, tension)) = self.last.take() {
             self.reel = Reel::default();
@@ -244,7 +229,7 @@ impl LetGo {
 
     /// A sample of a unit that is not driven. While other motors are driven, a word that reaches
     /// the wrong DAC can pull this cable again after it let go. A robot cannot: a reel at 0 V pays
-    /// out at less than [`let_go`]. With every motor at 0 V an output that is stuck pulls when the
+    /// out at less than [`Model::let_go`]. With every motor at 0 V an output that is stuck pulls when the
     /// power comes back, or one that fails now: that winds the reel in. It counts once the unit was
     /// driven with this configuration: other electronics may drive the motors of a board that only
     /// measures.

@@ -2,6 +2,7 @@
 //! that stands before the watchdog.
 
 use crate::config::Config;
+use crate::friction::STILL_SWING;
 use crate::units::{EncoderCounts, Micros, Newton};
 
 /// Result of a rate check.
@@ -188,22 +189,6 @@ impl CheckIn {
 
 /// Counts within which an encoder counts as standing still: its jitter and half a count of play.
 const STILL_COUNTS: u64 = 2;
-
-/// Swing of tension less command that no resting reel allows, where no more friction is declared
-/// than that of the example rig. A reel that stands holds what friction lets it: from
-/// 0.91 + 0.154 T below the command to as much above, which is 5.5 N at 12 N. More than that moves
-/// the reel, by 1 mm in 24 N of an elastic cable and so by dozens of counts. The tension alone says
-/// nothing: with a robot that moves away while the command rises it goes from 0 to 12 N, and the
-/// reel rests.
-pub const STILL_SWING: Newton = Newton::from_un(6_000_000);
-
-/// The same where friction holds `sides` from below the command to above it at the largest tension.
-/// 34/32 of it: as far beyond as [`STILL_SWING`] is beyond the 5.5 N of the example rig, which
-/// keeps [`STILL_SWING`].
-#[must_use]
-pub fn still_swing(sides: Newton) -> Newton {
-    STILL_SWING.max(Newton::from_wide((i64::from(sides.to_bits()) * 34) >> 5))
-}
 
 /// Swing of the tension itself below which nothing shows that the reel moves: a motor without power
 /// leaves its reel at rest and the tension at what friction holds, while the command rises.

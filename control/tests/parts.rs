@@ -800,7 +800,7 @@ fn any_travel_of_a_count_is_taken_while_a_cable_is_to_let_go() {
     for nm_per_count in [i32::MIN, i32::MAX, 0, -1] {
         let mut watch = LetGo::default();
         watch.driven(EncoderCounts(0), Newton::from_un(6_000_000), Newton::ZERO);
-        watch.switched_off(Micros(0), control::let_go::LET_GO);
+        watch.switched_off(Micros(0), control::friction::LET_GO);
         watch.blind();
         watch.turned(EncoderCounts(5), nm_per_count);
         watch.turned(EncoderCounts(-5), nm_per_count);

@@ -47,7 +47,7 @@ macro_rules! rows {
 }
 
 rows! {
-    "encoder-watch-off": "control/src/supervisor.rs",
+    "encoder-watch-off": "control/src/friction.rs",
         "pub const STILL_SWING: Newton = Newton::from_un(6_000_000);" => "pub const STILL_SWING: Newton = Newton::from_un(60_000_000);",
         Rig "faults" "a_lost_encoder_is_noticed_by_what_the_tension_does";
     "register-watch-off": "board/src/firmware.rs",

@@ -67,7 +67,7 @@ mutants! { MUTANTS:
     "sensor-fast-off": "control/src/supervisor.rs", "min_us: 2_900" => "min_us: 290";
     "sensor-slow-off": "control/src/supervisor.rs", "max_us: 3_370" => "max_us: 33_700";
     "expiry-ignored": "control/src/supervisor.rs", ".is_some_and(|(at, valid_us)| now.since(at) > valid_us)" => ".is_some_and(|(at, _)| now.since(at) > 2_000_000_000)";
-    "encoder-watch-off": "control/src/supervisor.rs", "pub const STILL_SWING: Newton = Newton::from_un(6_000_000);" => "pub const STILL_SWING: Newton = Newton::from_un(60_000_000);";
+    "encoder-watch-off": "control/src/friction.rs", "pub const STILL_SWING: Newton = Newton::from_un(6_000_000);" => "pub const STILL_SWING: Newton = Newton::from_un(60_000_000);";
     "encoder-noise-off": "board/src/machine/supervision.rs", "const ENCODER_NOISE_EVENTS: u8 = 5;" => "const ENCODER_NOISE_EVENTS: u8 = 255;";
     "e-stop-ignored": "board/src/machine/supervision.rs", "if !self.estop_closed {" => "if false {";
     "loop-overrun-doubled": "board/src/machine/mod.rs", "pub const MAX_PASS_US: u32 = 1_500;" => "pub const MAX_PASS_US: u32 = 3_000;";

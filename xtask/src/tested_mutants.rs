@@ -23,14 +23,14 @@ mutants! { TESTED:
     "over-tension-at-rest-unwatched": "control/src/let_go.rs", "            || sample.over_tension\n" => "";
     "wound-in-tenfold": "control/src/let_go.rs", "const WOUND_IN_NM: i32 = 100_000;" => "const WOUND_IN_NM: i32 = 1_000_000;";
     "let-go-350-ms": "control/src/let_go.rs", "pub const LET_GO_US: u32 = 75_000;" => "pub const LET_GO_US: u32 = 350_000;";
-    "let-go-level-3-n": "control/src/let_go.rs", "pub const LET_GO: Newton = Newton::from_un(1_700_000);" => "pub const LET_GO: Newton = Newton::from_un(3_000_000);";
+    "let-go-level-3-n": "control/src/friction.rs", "pub const LET_GO: Newton = Newton::from_un(1_700_000);" => "pub const LET_GO: Newton = Newton::from_un(3_000_000);";
     "blind-needs-no-paying-out": "control/src/let_go.rs", "!waiting.again && travel(waiting.at, counts, nm_per_count) <= let_go_nm" => "!waiting.again && travel(waiting.at, counts, nm_per_count) <= 0";
     "again-ends-by-encoder": "control/src/let_go.rs", "            !waiting.again && travel" => "            travel";
     "forget-forgets-driven": "control/src/let_go.rs", "            was_driven: self.was_driven,\n            trial" => "            trial";
     "wound-in-kept-for-ever": "control/src/let_go.rs", "self.wound_in_nm.max(0) - (self.wound_in_nm.max(0) >> WOUND_IN_SHIFT)" => "self.wound_in_nm.max(0)";
-    "let-go-without-friction": "control/src/let_go.rs", "LET_GO.max(Newton::from_wide(declared >> 5))" => "LET_GO";
-    "let-go-share-twofold": "control/src/let_go.rs", "const LET_GO_SHARE_Q5: i32 = 51;" => "const LET_GO_SHARE_Q5: i32 = 102;";
-    "still-swing-without-friction": "control/src/supervisor.rs", "STILL_SWING.max(beyond)" => "STILL_SWING";
+    "let-go-without-friction": "control/src/friction.rs", "LET_GO.max(share(self.most(Newton::ZERO), LET_GO_SHARE_Q5))" => "LET_GO";
+    "let-go-share-twofold": "control/src/friction.rs", "const LET_GO_SHARE_Q5: i64 = 51;" => "const LET_GO_SHARE_Q5: i64 = 102;";
+    "still-swing-without-friction": "control/src/friction.rs", "STILL_SWING.max(share(sides, STILL_SHARE_Q5))" => "STILL_SWING";
     "held-4-n": "control/src/let_go.rs", "const HELD_BEYOND: Newton = Newton::from_un(300_000);" => "const HELD_BEYOND: Newton = Newton::from_un(2_300_000);";
     "stale-sample-accepted": "board/src/machine/sampling.rs", "if slot.came_up.take().is_none() {" => "if slot.came_up.take().is_none() && false {";
     "zero-of-staged-lost": "board/src/machine/sampling.rs", "slot.staged = slot.staged.map(|staged| staged.with_zero(zero));" => "";
