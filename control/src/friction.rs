@@ -163,8 +163,8 @@ impl Model {
         Newton::from_wide(pull + self.offset as i64 + self.coulomb as i64)
     }
 
-    /// Tension that the cable must come down to once its motor is at 0 V: what the declared friction
-    /// holds then, and a margin.
+    /// Tension that the cable must come down to once its motor is at 0 V: what the declared
+    /// friction holds then, and a margin.
     #[must_use]
     pub fn let_go(&self) -> Newton {
         LET_GO.max(share(self.most(Newton::ZERO), LET_GO_SHARE_Q5))

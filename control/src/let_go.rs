@@ -229,10 +229,10 @@ impl LetGo {
 
     /// A sample of a unit that is not driven. While other motors are driven, a word that reaches
     /// the wrong DAC can pull this cable again after it let go. A robot cannot: a reel at 0 V pays
-    /// out at less than [`Model::let_go`]. With every motor at 0 V an output that is stuck pulls when the
-    /// power comes back, or one that fails now: that winds the reel in. It counts once the unit was
-    /// driven with this configuration: other electronics may drive the motors of a board that only
-    /// measures.
+    /// out at less than [`Model::let_go`]. With every motor at 0 V an output that is stuck pulls
+    /// when the power comes back, or one that fails now: that winds the reel in. It counts once the
+    /// unit was driven with this configuration: other electronics may drive the motors of a board
+    /// that only measures.
     pub fn released(&mut self, now: Micros, sample: Released) {
         let believed = !self.doubted;
         self.blind &= !believed;
