@@ -25,10 +25,6 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What the link of a service that has a board begins with.
-#[cfg(unix)]
-const PORT: &str = "port ";
-
 /// Heading of the options that only the embedded rig has.
 pub const EMBEDDED: &str = "Embedded rig";
 
@@ -437,7 +433,8 @@ impl Existing {
         };
         // An emulated rig may be kept under the name of a port.
         let is_port = matches!(link, LinkChoice::Usb | LinkChoice::Serial(_));
-        let emulated = || (socket.holder()).is_some_and(|(_, theirs)| !theirs.starts_with(PORT));
+        let emulated =
+            || (socket.holder()).is_some_and(|(_, theirs)| !theirs.starts_with(socket::PORT));
         let named = socket.name == name_of(link) && !(is_port && emulated());
         named || serves(socket, link)
     }
@@ -714,7 +711,7 @@ fn serves(socket: &socket::Socket, link: &LinkChoice) -> bool {
         return false;
     };
     let path = |port: &str| std::fs::canonicalize(port).unwrap_or_else(|_| port.into());
-    path(theirs.trim_start_matches(PORT)) == path(port)
+    path(theirs.trim_start_matches(socket::PORT)) == path(port)
 }
 
 /// The folders in which services are looked for, for messages.

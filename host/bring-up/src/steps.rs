@@ -5,7 +5,7 @@ use crate::figures::{
 };
 use crate::hands::{Action, Answer, Hands};
 use crate::pulse::{self, Drive};
-use crate::window::{scales, Rest, Window};
+use crate::window::{scales, Rest, Window, REST};
 use crate::BringUpError;
 use control::{Fault, MotorState, SystemState};
 use rig::Rig;
@@ -23,8 +23,6 @@ mod power;
 const BRING_UP_TIMEOUT: Duration = Duration::from_secs(15);
 /// Time over which the converters are watched at rest: 640 samples.
 const WATCH: Duration = Duration::from_secs(2);
-/// Time over which a place of rest is measured.
-pub(crate) const REST: Duration = Duration::from_millis(400);
 /// Time after a hand: a cell rings for 0.1 s, a weight swings longer.
 const SETTLE: Duration = Duration::from_secs(1);
 /// How long the E-stop's state may take to arrive: statuses come every 50 ms.

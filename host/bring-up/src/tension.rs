@@ -16,8 +16,7 @@
 
 use crate::figures::{LoadLine, TensionFigures};
 use crate::pulse::{self, Drive};
-use crate::steps::REST;
-use crate::window::{mean, Rest, Window};
+use crate::window::{mean, Rest, Window, REST};
 use crate::BringUpError;
 use control::Fault;
 use rig::{Rig, UnitSettings};

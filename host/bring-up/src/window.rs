@@ -9,6 +9,9 @@ use wire::UNITS;
 /// Samples whose mean counts as a code: 12.5 ms, what the converter's filter takes.
 const MEAN_OF: usize = 4;
 
+/// Time over which a place of rest is measured.
+pub(crate) const REST: Duration = Duration::from_millis(400);
+
 /// Samples of all units.
 #[derive(Debug, Default)]
 pub(crate) struct Window {

@@ -1,5 +1,6 @@
 //! The trials of an experiment one after another: which are left, attempts, shards, resuming.
 
+use super::dataset::JOINTS;
 use super::error::ExperimentError;
 use super::feed::Tamper;
 use super::figures::judge;
@@ -7,6 +8,7 @@ use super::file::Experiment;
 use super::folder::{Attempt, AttemptFolder, Folder, Status};
 use super::lock::TrialLock;
 use super::plan::{self, derive, Trial};
+use super::table::Table;
 use super::trial::{run_trial, Ending, Setup, Shown, Watcher};
 use rig::Rig;
 use robot::source::SourceConfig;
@@ -61,6 +63,10 @@ impl std::str::FromStr for Shard {
 /// Opens the link to a rig that is there, for a robot that is not virtual: the link, and where the
 /// zeros come from.
 pub type Open<'a> = dyn Fn() -> Result<(Box<dyn RigLink>, Zeroing), ExperimentError> + 'a;
+
+/// What is said after the first good trial of a robot that tells its tip alone.
+const WITHOUT_JOINTS: &str = "the robot reports no joints: the dataset has known forces at the tip, and `forcectl estimate train`, which \
+     needs joints and efforts, cannot use it (docs/robot.md)";
 
 /// How the trials are run.
 #[derive(Clone, Default)]
@@ -216,6 +222,9 @@ impl Sequence<'_> {
             summary.attempts.push(done);
             match status {
                 Status::Good => {
+                    if summary.good.is_empty() && !self.has_joints(number)? {
+                        self.watcher.notice(WITHOUT_JOINTS);
+                    }
                     summary.good.push(number);
                     return Ok(());
                 }
@@ -231,6 +240,15 @@ impl Sequence<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Whether the robot has told where its joints are in a good trial.
+    fn has_joints(&self, number: usize) -> Result<bool, ExperimentError> {
+        let rows = Table::read(&self.folder.dataset(number))?;
+        Ok((1..=JOINTS).any(|n| {
+            let column = rows.column(&format!("joint_position_{n}"));
+            column.is_some_and(|values| values.iter().any(|value| value.is_finite()))
+        }))
     }
 
     fn attempt(

@@ -1,10 +1,9 @@
 //! A client of the service, and the service as a link: what runs on a port runs on a rig that
 //! others watch.
 
-use super::hub::STOPPED_BY;
 use super::protocol::{
     Call, CommandParams, Event, Hello, HoldParams, Request, ServiceStatus, Telemetry, Tick, Topics,
-    Welcome,
+    Welcome, STOPPED_BY,
 };
 use super::socket;
 use base64::prelude::{Engine as _, BASE64_STANDARD};

@@ -40,8 +40,6 @@ use wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, UNITS};
 pub const CYCLE: Duration = Duration::from_millis(2);
 /// A commander that sends nothing for this long, in the link's time, may be replaced by another.
 pub const SILENT_NS: u64 = 1_000_000_000;
-/// What the text of an event of the kind `stop` begins with; who did it follows.
-pub(super) const STOPPED_BY: &str = "stopped by ";
 /// Period of telemetry in the link's time, ns.
 const TELEMETRY_NS: u64 = 20_000_000;
 /// How long a reply of the board may take before a command of the hub is sent again, ns.

@@ -163,6 +163,9 @@ impl Hello {
     }
 }
 
+/// What the text of an event of the kind `stop` begins with; who did it follows.
+pub(super) const STOPPED_BY: &str = "stopped by ";
+
 /// How a client commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

@@ -6,7 +6,6 @@
 //! stop knows of a rig that it may not reach.
 
 use super::account;
-use super::stop::PORT;
 use rig::LinkChoice;
 use std::ffi::OsString;
 use std::fs;
@@ -20,6 +19,8 @@ use std::time::Duration;
 pub const FOLDER_VARIABLE: &str = "FORCECTL_RUNTIME_DIR";
 /// Name of the rig that `forcectl rig` keeps where no other is given.
 pub const EMBEDDED_NAME: &str = "rig";
+/// What the link of a service that has a board begins with: how a port names itself.
+pub const PORT: &str = "port ";
 /// What a service's announcement begins with, in the abstract namespace of Unix sockets (unix(7)).
 /// Nobody connects to it.
 const ANNOUNCED: &str = "forcectl:";

@@ -12,7 +12,7 @@
 //! be opened or not. The service of an emulated rig is never killed: no motor hangs on it.
 
 use super::protocol::{Call, Hello, Request, Welcome};
-use super::socket::Socket;
+use super::socket::{Socket, PORT};
 use rustix::process::{kill_process, setpriority_process, Pid, Signal};
 use serde_json::Value;
 use session::link::port::{self, Port};
@@ -32,8 +32,6 @@ pub const PROMPT: Duration = Duration::from_millis(200);
 pub const END_AFTER: Duration = Duration::from_secs(1);
 /// How long anything may take.
 pub const GIVE_UP: Duration = Duration::from_secs(10);
-/// How [`Port`] names itself: the link of a service that has a board.
-pub(super) const PORT: &str = "port ";
 /// When the next way is taken, from the beginning.
 const WAITS: [Duration; 3] = [PROMPT, END_AFTER, GIVE_UP];
 /// Numbers of the two requests.

@@ -4,7 +4,7 @@ use super::{Hub, Origin};
 use crate::frames::Numbering;
 use crate::inbound::{ClientId, Inbound, TERMINAL};
 use crate::outbox::Outbox;
-use crate::protocol::{code, notification, Hello, Topics};
+use crate::protocol::{code, notification, Hello, Topics, STOPPED_BY};
 use control::Fault;
 use serde_json::Value;
 use wire::message::{CommandError, Reply, Response};
@@ -287,7 +287,7 @@ impl Hub {
         self.stopped = by_another.or(self.stopped);
         let who = self.name_of(id);
         self.stops.note(&who);
-        self.event("stop", format!("{}{who}", super::STOPPED_BY), None);
+        self.event("stop", format!("{STOPPED_BY}{who}"), None);
     }
 
     /// A reply to a client's own frame.
