@@ -177,7 +177,12 @@ fn an_observer_watches_and_stops_what_another_terminal_holds() {
     assert!(err.contains("forcectl set-force (process"), "{err}");
     lab.code("disarm", 5);
     let (_, err) = lab.code("stop", 0);
-    assert!(err.starts_with("rig `rig`: embedded rig"), "{err}");
+    // Behind what is said of a service that takes its time on a busy computer.
+    let mut lines = err.lines();
+    assert!(
+        lines.any(|line| line.starts_with("rig `rig`: embedded rig")),
+        "{err}"
+    );
     let err = ends_with(commander, 5);
     assert!(err.contains("fault 3"), "{err}");
     assert_eq!(lab.status()["state"], "fault");
