@@ -42,42 +42,6 @@ impl Effect for Presliding {
             ],
         }
     }
-    /// Dry friction alone whose sign shows within the deadband as well: with a smaller one, or by
-    /// the slope of the position.
-    fn must_surpass(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<Variant> {
-        let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
-            return vec![];
-        };
-        if form.label.contains("load") {
-            return vec![];
-        }
-        let db = ctx.deadband;
-        let (own, unit) = (format!("sgn({v}, {db})"), ctx.unit().to_string());
-        let beside = ctx.friction;
-        let with = |psi: Psi, sign: Box<dyn Fn(f64) -> String + Send + Sync>| {
-            let (own, unit) = (own.clone(), unit.clone());
-            Variant::profiled("dry friction at any speed", psi, move |at| {
-                let sign = sign(at);
-                let text = if beside {
-                    format!("({sign} - {own})")
-                } else {
-                    sign
-                };
-                Build::Add(vec![Piece::new("friction", unit.clone(), text)])
-            })
-        };
-        let (v, x) = (v.clone(), x.clone());
-        let narrower = Psi::new(
-            "deadband",
-            ctx.velocity_unit(),
-            vec![0.0, 0.25 * db, 0.5 * db],
-        );
-        let slope = Psi::new("half_width", "rows", vec![2.0, 4.0, 8.0]);
-        vec![
-            with(narrower, Box::new(move |db| format!("sgn({v}, {db})"))),
-            with(slope, Box::new(move |n| format!("sgn(deriv({x}, {n}), 0)"))),
-        ]
-    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let (Some(velocity), Some(position)) = (&ctx.velocity, &ctx.position) else {
             return vec![];
