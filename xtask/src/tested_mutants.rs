@@ -88,7 +88,7 @@ mutants! { TESTED:
     "thrown-without-a-run": "control/src/let_go.rs", "(self.was_driven || sample.zeroing)" => "true";
     "refused-zero-ends-the-watch": "board/src/machine/sampling.rs", "slot.zero.is_some() || slot.latch.has(Fault::ZeroRefused)" => "slot.zero.is_some()";
     "second-trip-raises-the-limit": "board/src/machine/sampling.rs", "if fault == Fault::OverTension && !slot.latch.has(fault) {" => "if fault == Fault::OverTension {";
-    "ramp-ends-without-a-watch": "board/src/machine/sampling.rs", "            slot.let_go.switched_off(at);\n" => "";
+    "ramp-ends-without-a-watch": "board/src/machine/sampling.rs", "            slot.let_go.switched_off(at, let_go);\n" => "";
     "arming-prolongs-setpoints": "board/src/machine/commands.rs", "if was != SystemState::Running && !self.expiry" => "if !self.expiry";
     "dead-converter-holds-a-clear-up": "board/src/machine/commands.rs", "let too_tight = unit.sensor_up && unit" => "let too_tight = unit";
     "brake-when-tight": "control/src/unit.rs", "let missing = slack.saturating_sub(tension.clamp_to(Newton::ZERO, slack));" => "let missing = slack;";
