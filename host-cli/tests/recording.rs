@@ -449,6 +449,13 @@ fn an_output_of_a_recording_never_replaces_what_is_read_or_another_recording() {
     );
     assert!(said.err.starts_with("forcectl: twice.csv: "), "{said:?}");
     assert!(!folder.path().join("twice.parquet").exists());
+    // A recording without its end: what is in it is joined, and that it was cut off is said.
+    let recorded = folder.path().join("rec/run.mcap");
+    let whole = std::fs::read(&recorded).expect("there");
+    std::fs::write(&recorded, &whole[..whole.len() - 20]).expect("written");
+    let line = "recording merge rec --log log.csv --time time --out part.parquet";
+    let said = expect(folder.path(), line, 6, &["1 of 1 rows joined"]);
+    assert!(said.err.contains("rec is cut off or damaged"), "{said:?}");
 }
 
 #[test]

@@ -176,13 +176,6 @@ impl Existing {
         };
         let client = super::serve::connect(service, start.as_ref(), self.rig.as_deref(), context)?;
         let welcome = client.welcome();
-        if let (Some(port), Some(_)) = (start, welcome.seed) {
-            return Err(Failure::usage(format!(
-                "`{service}` is an emulated rig that is kept here under that name ({}), and not the port of --link {port}; \
-                 nothing was done; --link rig:{service} names the rig",
-                welcome.link
-            )));
-        }
         // Chosen among those that are kept: its name may have become a board's meanwhile.
         let chosen = self.link.is_none() && start.is_none() && *service != default_name();
         if chosen && welcome.seed.is_none() {
@@ -431,12 +424,7 @@ impl Existing {
         let Some(link) = &self.link else {
             return true;
         };
-        // An emulated rig may be kept under the name of a port.
-        let is_port = matches!(link, LinkChoice::Usb | LinkChoice::Serial(_));
-        let emulated =
-            || (socket.holder()).is_some_and(|(_, theirs)| !theirs.starts_with(socket::PORT));
-        let named = socket.name == name_of(link) && !(is_port && emulated());
-        named || serves(socket, link)
+        socket.name == name_of(link) || serves(socket, link)
     }
 
     /// A connection to the service; `None` where the rig is reached in another way.

@@ -415,6 +415,10 @@ fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
         }
     }
     std::fs::write(&file, &whole).unwrap();
+    let truth = std::fs::read(open.truth(2)).unwrap();
+    std::fs::remove_file(open.truth(2)).unwrap();
+    assert!(run(&experiment, &rig, root, &again(true), &mut NoopWatcher).is_ok());
+    std::fs::write(open.truth(2), truth).unwrap();
     // Another experiment does not fit into this folder.
     let other = Experiment {
         seed: 2,
@@ -633,4 +637,48 @@ fn a_stop_ends_the_experiment() {
         &mut NoopWatcher,
     );
     assert!(refused.unwrap_err().to_string().contains("no rig is named"));
+}
+
+struct Notices(Vec<String>);
+
+impl Watcher for Notices {
+    fn notice(&mut self, text: &str) {
+        self.0.push(text.to_owned());
+    }
+}
+
+/// Hours of such a dataset would be refused by the training, and not before.
+#[test]
+fn a_robot_that_tells_its_tip_alone_is_told_after_its_first_good_trial() {
+    let rig = Rig::built_in().unwrap();
+    let open = || {
+        let rig = session::link::fast::FastRig::with(core_sim::Options::default())?;
+        let link: Box<dyn session::link::RigLink> = Box::new(rig);
+        Ok((link, run::Zeroing::Measure))
+    };
+    let options = Options {
+        open: Some(&open),
+        ..Options::default()
+    };
+    let still = Experiment {
+        trials: 2,
+        robot: SourceConfig::Static(StaticConfig {
+            position_m: [-0.08, 0.025, -0.14],
+        }),
+        ..short(4.0)
+    };
+    let said = |experiment: &Experiment, options: &Options<'_>| {
+        let folder = tempfile::tempdir().unwrap();
+        let mut notices = Notices(vec![]);
+        let summary = crate::run(experiment, &rig, folder.path(), options, &mut notices).unwrap();
+        assert_eq!(summary.good, [1, 2], "{summary:?}");
+        let of_joints = |text: &&String| text.contains("reports no joints");
+        notices.0.iter().filter(of_joints).count()
+    };
+    assert_eq!(said(&still, &options), 1);
+    let arm = Experiment {
+        trials: 2,
+        ..short(4.0)
+    };
+    assert_eq!(said(&arm, &Options::default()), 0);
 }

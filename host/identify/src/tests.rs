@@ -267,6 +267,40 @@ fn runs_of_one_emulated_rig_have_figures_of_their_own() {
     assert!(ratio != 1.0 && (0.5..2.0).contains(&ratio), "{ratio}");
 }
 
+/// At 0 V a reel with much friction holds its cable as an output that is stuck does. The board
+/// tells them apart by the declared friction.
+#[test]
+fn a_rig_whose_friction_is_declared_ends_its_sessions_without_a_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    let plant = folder.path().join("rough.toml");
+    let rough =
+        "cable.initial_slack_m = 0.003\n\n[[effects]]\nkind = \"coulomb\"\nconstant_n = 1.5\n";
+    std::fs::write(&plant, rough).unwrap();
+    let mut declared = rig();
+    for unit in &mut declared.units {
+        unit.coulomb_n += 1.5;
+        // Friction alone holds 2.6 N.
+        unit.tension_min_n = 4.0;
+    }
+    for seed in 1..=3 {
+        let options = session::link::EmbeddedOptions {
+            seed: Some(seed),
+            plant: Some(plant.clone()),
+            ..Default::default()
+        };
+        let mut link = session::link::fast::FastRig::open(&options).unwrap();
+        let options = run::Options::new([0.0, 2.5, 0.0], 4.0);
+        let outcome = run::set_force(&mut link, &declared, &options, &mut NoopObserver).unwrap();
+        assert!(
+            outcome.faults.is_empty(),
+            "seed {seed}: {:?}",
+            outcome.faults
+        );
+        let status = Session::connect(&mut link).unwrap().get_status().unwrap();
+        assert_eq!(status.fault, 0, "seed {seed}");
+    }
+}
+
 /// Behind fault 45 the board may latch fault 15: the cable of the unit whose load cell is in doubt
 /// went slack by the robot, and its reel shows nothing. Other cables are tight for some time, and
 /// the board refuses a clear meanwhile.

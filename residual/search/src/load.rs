@@ -6,7 +6,7 @@ use crate::model::{Chosen, Fitted};
 use residual_columns::error::Error;
 use residual_columns::expr::Expr;
 use residual_columns::stats;
-use residual_effects::{Build, EffectKind};
+use residual_effects::Build;
 use std::sync::Arc;
 
 /// Relative change of the load below which its old expression is kept.
@@ -99,21 +99,14 @@ impl Search<'_> {
     }
 
     /// Expresses the load behind a command that an effect replaces, where the other effects then
-    /// predict better by what counts. A gain of a late load is as late: where it is among them, it
-    /// is enough that they predict no worse.
+    /// predict better by what counts: a gain of a late load is as late.
     pub(super) fn load_behind(&mut self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
         let replaces = chosen.iter().any(replaces_command);
         if !replaces || !chosen.iter().any(|c| contains(c, &self.load)) {
             return Ok(());
         }
         let fitted = self.fit(chosen)?;
-        let is_gain = |c: &Chosen| c.effect.kind() == EffectKind::Gain && contains(c, &self.load);
-        let better = if chosen.iter().any(is_gain) {
-            0.0
-        } else {
-            0.5 * self.spec.selection.material
-        };
-        let most = fitted.rmse() * (1.0 - better);
+        let most = fitted.rmse() * (1.0 - 0.5 * self.spec.selection.material);
         let mut renewed = self.renewed(&fitted, chosen)?;
         drop(fitted);
         renewed.retain(|new| new.behind);
