@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use serde::Serialize;
+use std::collections::VecDeque;
 use wire::UNITS;
 
 /// Half the width of the band that counts as settled, N: 5 % of the 2.5 N of the rig's first
@@ -94,85 +95,143 @@ const SMOOTH_CYCLES: usize = 10;
 /// is steady.
 #[must_use]
 pub fn of_run(commanded_n: Vector3<f64>, steps: &[Step]) -> Option<Metrics> {
-    let commanded: Vec<&Step> = steps.iter().filter(|step| step.t_s >= 0.0).collect();
-    let steady: Vec<&&Step> = commanded
-        .iter()
-        .filter(|step| step.t_s >= STEADY_AFTER_S)
-        .collect();
-    if steady.is_empty() {
-        return None;
-    }
-    let count = steady.len() as f64;
-    let mean3 = |value: &dyn Fn(&Step) -> Vector3<f64>| {
-        let sum: Vector3<f64> = steady.iter().map(|step| value(step)).sum();
-        sum / count
-    };
-    let mean6 = |value: &dyn Fn(&Step, usize) -> f64| -> [f64; UNITS] {
-        core::array::from_fn(|i| steady.iter().map(|step| value(step, i)).sum::<f64>() / count)
-    };
-    let error = |step: &Step| step.best_force_n() - commanded_n;
-    let error_n = mean3(&error);
-    let square = steady
-        .iter()
-        .map(|step| error(step).norm_squared())
-        .sum::<f64>()
-        / count;
-    let tension_rms_n = mean6(&|step, i| {
-        if step.available[i] {
-            (step.best_tension_n()[i] - step.tension_setpoint_n[i]).powi(2)
-        } else {
-            0.0
-        }
-    })
-    .map(f64::sqrt);
-    let (settling_s, within_band) = settling(commanded_n, &commanded, |error| error.norm());
-    let along = commanded_n.try_normalize(0.0).unwrap_or_default();
-    let (settling_along_s, _) = settling(commanded_n, &commanded, |error| error.dot(&along).abs());
-    Some(Metrics {
-        from_truth: steady.iter().all(|step| step.applied_n.is_some()),
-        commanded_n,
-        applied_n: mean3(&Step::best_force_n),
-        error_n,
-        tip_force_error_n: error_n.norm(),
-        tip_force_rms_n: square.sqrt(),
-        settling_s,
-        settling_along_s,
-        within_band,
-        tension_setpoint_n: mean6(&|step, i| step.tension_setpoint_n[i]),
-        tension_n: mean6(&|step, i| step.best_tension_n()[i]),
-        tension_rms_n,
-        steady_cycles: steady.len(),
-    })
+    let mut sums = Sums::new(commanded_n);
+    steps.iter().for_each(|step| sums.add(step));
+    sums.metrics()
 }
 
-/// When the averaged error enters the band and stays for [`SETTLED_FOR_S`], and the part of the
-/// time after that in which it is within.
-fn settling(
+/// What a run held, added up cycle by cycle: a run of a day has 8.6 million.
+#[derive(Debug, Clone)]
+pub struct Sums {
     commanded_n: Vector3<f64>,
-    commanded: &[&Step],
-    size: impl Fn(Vector3<f64>) -> f64,
-) -> (Option<f64>, f64) {
-    let within: Vec<(f64, bool)> = (commanded.iter().enumerate())
-        .map(|(i, step)| {
-            let window = &commanded[(i + 1).saturating_sub(SMOOTH_CYCLES)..=i];
-            let sum: Vector3<f64> = (window.iter())
-                .map(|s| s.best_force_n() - commanded_n)
-                .sum();
-            let error = size(sum / window.len() as f64);
-            // NaN is not within.
-            (step.t_s, error <= SETTLED_WITHIN_N)
-        })
-        .collect();
-    let mut entered = None;
-    for &(t_s, inside) in &within {
-        entered = if inside { entered.or(Some(t_s)) } else { None };
-        if let Some(since) = entered.filter(|since| t_s - since >= SETTLED_FOR_S) {
-            let after = within.iter().filter(|(t, _)| *t >= since);
-            let good = after.clone().filter(|(_, inside)| *inside).count();
-            return (Some(since), good as f64 / after.count() as f64);
+    /// Errors of the newest cycles, N.
+    newest_n: VecDeque<Vector3<f64>>,
+    settling: Settling,
+    settling_along: Settling,
+    /// Cycles that were steady; the sums are over them.
+    steady: usize,
+    from_truth: bool,
+    force_n: Vector3<f64>,
+    error_n: Vector3<f64>,
+    square: f64,
+    setpoint_n: [f64; UNITS],
+    tension_n: [f64; UNITS],
+    tension_square: [f64; UNITS],
+}
+
+impl Sums {
+    /// Of a run with this commanded force, N.
+    #[must_use]
+    pub fn new(commanded_n: Vector3<f64>) -> Self {
+        Self {
+            commanded_n,
+            newest_n: VecDeque::with_capacity(SMOOTH_CYCLES),
+            settling: Settling::default(),
+            settling_along: Settling::default(),
+            steady: 0,
+            from_truth: true,
+            force_n: Vector3::zeros(),
+            error_n: Vector3::zeros(),
+            square: 0.0,
+            setpoint_n: [0.0; UNITS],
+            tension_n: [0.0; UNITS],
+            tension_square: [0.0; UNITS],
         }
     }
-    (None, 0.0)
+
+    /// Adds a cycle; those before the command do not count.
+    pub fn add(&mut self, step: &Step) {
+        if step.t_s < 0.0 {
+            return;
+        }
+        let error_n = step.best_force_n() - self.commanded_n;
+        if self.newest_n.len() == SMOOTH_CYCLES {
+            self.newest_n.pop_front();
+        }
+        self.newest_n.push_back(error_n);
+        let smooth_n = self.newest_n.iter().sum::<Vector3<f64>>() / self.newest_n.len() as f64;
+        let along = self.commanded_n.try_normalize(0.0).unwrap_or_default();
+        self.settling.add(step.t_s, smooth_n.norm());
+        self.settling_along
+            .add(step.t_s, smooth_n.dot(&along).abs());
+        if step.t_s < STEADY_AFTER_S {
+            return;
+        }
+        self.steady += 1;
+        self.from_truth &= step.applied_n.is_some();
+        self.force_n += step.best_force_n();
+        self.error_n += error_n;
+        self.square += error_n.norm_squared();
+        let tension_n = step.best_tension_n();
+        for i in 0..UNITS {
+            self.setpoint_n[i] += step.tension_setpoint_n[i];
+            self.tension_n[i] += tension_n[i];
+            if step.available[i] {
+                self.tension_square[i] += (tension_n[i] - step.tension_setpoint_n[i]).powi(2);
+            }
+        }
+    }
+
+    /// The figures; `None` where no cycle is steady.
+    #[must_use]
+    pub fn metrics(&self) -> Option<Metrics> {
+        let count = self.steady as f64;
+        let error_n = self.error_n / count;
+        let mean = |sums: [f64; UNITS]| sums.map(|sum| sum / count);
+        (self.steady > 0).then(|| Metrics {
+            from_truth: self.from_truth,
+            commanded_n: self.commanded_n,
+            applied_n: self.force_n / count,
+            error_n,
+            tip_force_error_n: error_n.norm(),
+            tip_force_rms_n: (self.square / count).sqrt(),
+            settling_s: self.settling.since_s(),
+            settling_along_s: self.settling_along.since_s(),
+            within_band: self.settling.within_band(),
+            tension_setpoint_n: mean(self.setpoint_n),
+            tension_n: mean(self.tension_n),
+            tension_rms_n: mean(self.tension_square).map(f64::sqrt),
+            steady_cycles: self.steady,
+        })
+    }
+}
+
+/// When an error enters the band and stays for [`SETTLED_FOR_S`], and the part of the time after
+/// that in which it is within.
+#[derive(Debug, Clone, Default)]
+struct Settling {
+    /// When it entered the band that it has not left since, s.
+    entered_s: Option<f64>,
+    settled: bool,
+    /// Cycles since it entered the band that it settled in, and those of them that were within.
+    cycles: usize,
+    within: usize,
+}
+
+impl Settling {
+    fn add(&mut self, t_s: f64, error_n: f64) {
+        // NaN is not within.
+        let inside = error_n <= SETTLED_WITHIN_N;
+        if !self.settled && !inside {
+            *self = Self::default();
+            return;
+        }
+        let since_s = *self.entered_s.get_or_insert(t_s);
+        self.cycles += 1;
+        self.within += usize::from(inside);
+        self.settled |= t_s - since_s >= SETTLED_FOR_S;
+    }
+
+    fn since_s(&self) -> Option<f64> {
+        self.entered_s.filter(|_| self.settled)
+    }
+
+    fn within_band(&self) -> f64 {
+        match self.settled {
+            true => self.within as f64 / self.cycles as f64,
+            false => 0.0,
+        }
+    }
 }
 
 #[cfg(test)]

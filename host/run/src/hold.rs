@@ -5,19 +5,19 @@
 //! the tip aside. A fault of the whole board ends the run.
 
 use crate::checks::{check_stop, fresh_pose, require_zero_at};
+use crate::cycles::Cycles;
 use crate::error::{RunError, UnitLost};
 use crate::fault::RunFault;
 use crate::options::{Options, PRETENSION_S, ROBOT_START_S};
-use crate::outcome::{Ended, LatencyMs, Outcome};
+use crate::outcome::{Ended, Histogram, LatencyMs, Outcome};
 use crate::phase::{begin, Observer, Phase};
 use crate::quality::{Evidence, Saturation};
 use crate::ready::Prepared;
 use emulator_link::{Injection, Truth};
 use force::controller::{ControlError, Controller, Input, Output, Reach};
 use force::feasibility;
-use force::metrics::{self, Step};
+use force::metrics::Step;
 use force::pose::PoseSource;
-use known::uncertainty;
 use nalgebra::Vector3;
 use rig::Rig;
 use session::{LatchedFault, Received, Session, SessionError, PERIOD};
@@ -42,13 +42,13 @@ pub(super) struct Hold<'a> {
     armed: [bool; UNITS],
     /// Those that are left of them.
     available: [bool; UNITS],
-    steps: Vec<Step>,
+    cycles: Cycles,
     faults: Vec<RunFault>,
     reach: Option<Reach>,
     samples: u64,
     /// Milliseconds in which the amplifiers had no power.
     amplifiers_off_ms: u64,
-    latencies_us: Vec<u16>,
+    latencies_us: Histogram,
     saturation: Saturation,
     /// Link time at which the force is commanded.
     t0_ns: Option<u64>,
@@ -75,12 +75,12 @@ impl<'a> Hold<'a> {
             injections,
             armed: prepared.available,
             available: prepared.available,
-            steps: Vec::new(),
+            cycles: Cycles::new(options.commanded_n),
             faults: prepared.faults.clone(),
             reach: None,
             samples: 0,
             amplifiers_off_ms: 0,
-            latencies_us: Vec::new(),
+            latencies_us: Histogram::default(),
             saturation: Saturation::default(),
             t0_ns: None,
             robot_moves: false,
@@ -156,7 +156,7 @@ impl<'a> Hold<'a> {
         let step = self.step_of(&output, &input, session, received.truth.last(), end_s);
         self.note_samples(&received, t_s);
         self.observer.step(&step);
-        self.steps.push(step);
+        self.cycles.push(step);
         self.saturation.note_cycle(t_s, &output, self.rig);
         self.note_power(&received.truth, end_s);
         self.note_end(&received.faults, session, end_s);
@@ -260,8 +260,8 @@ impl<'a> Hold<'a> {
         self.samples += received.samples.len() as u64;
         self.saturation.note_samples(t_s, &received.samples);
         if t_s >= 0.0 {
-            self.latencies_us
-                .extend(received.samples.iter().map(|timed| timed.sample.latency_us));
+            let latencies_us = received.samples.iter().map(|timed| timed.sample.latency_us);
+            latencies_us.for_each(|us| self.latencies_us.add(us));
         }
     }
 
@@ -320,22 +320,20 @@ impl<'a> Hold<'a> {
         self.faults.push(fault);
     }
 
-    /// Adds what the plant did while the rig was ramped down, a row for each control period.
-    fn append_truth(&mut self, truth: &[Truth]) {
-        let t0_ns = self.t0_ns.unwrap_or(0);
-        for truth in truth.iter().step_by(PERIOD.as_millis() as usize) {
-            self.steps.push(Step {
-                t_s: (truth.t_ns as f64 - t0_ns as f64) * 1e-9,
-                tip_m: truth.tip_m.into(),
-                commanded_n: Vector3::zeros(),
-                estimated_n: truth.tip_force_n.into(),
-                applied_n: Some(truth.tip_force_n.into()),
-                tension_setpoint_n: [0.0; UNITS],
-                measured_tension_n: truth.tension_n,
-                true_tension_n: Some(truth.tension_n),
-                available: self.available,
-            });
-        }
+    /// What the plant did while the rig was ramped down, a row for each control period.
+    fn truth_rows<'t>(&self, truth: &'t [Truth]) -> impl Iterator<Item = Step> + use<'t> {
+        let (t0_ns, available) = (self.t0_ns.unwrap_or(0), self.available);
+        (truth.iter().step_by(PERIOD.as_millis() as usize)).map(move |truth| Step {
+            t_s: (truth.t_ns as f64 - t0_ns as f64) * 1e-9,
+            tip_m: truth.tip_m.into(),
+            commanded_n: Vector3::zeros(),
+            estimated_n: truth.tip_force_n.into(),
+            applied_n: Some(truth.tip_force_n.into()),
+            tension_setpoint_n: [0.0; UNITS],
+            measured_tension_n: truth.tension_n,
+            true_tension_n: Some(truth.tension_n),
+            available,
+        })
     }
 
     /// The run's outcome, after the board was disarmed. `stopped`: why it ended early; the link may
@@ -360,22 +358,18 @@ impl<'a> Hold<'a> {
         let latency_ms = self
             .t0_ns
             .and_then(|t0_ns| LatencyMs::of(report.as_ref(), t0_ns, &self.latencies_us));
-        let until = self.fault_s.map_or(self.steps.len(), |fault_s| {
-            self.steps.partition_point(|step| step.t_s < fault_s)
-        });
-        let held = &self.steps[..until];
-        let metrics = metrics::of_run(self.options.commanded_n, held);
+        let ramped = self.truth_rows(if stopped.is_some() { &last.truth } else { &[] });
+        let (metrics, steady, mut rows) = self.cycles.end(self.fault_s);
+        rows.steps.extend(ramped);
         let uncertainty = (self.rig.calibration.as_deref())
-            .and_then(|record| uncertainty::of_run(record, held, self.rig.pose_sd_m));
+            .and_then(|record| steady.uncertainty(record, self.rig.pose_sd_m));
         let amplifiers_off_s = self.amplifiers_off_ms as f64 * 1e-3;
-        if stopped.is_some() {
-            self.append_truth(&last.truth);
-        }
         let not_injected: Vec<_> = self.injections.into();
         let shortfalls = Evidence {
             rig: self.rig,
             interrupted,
-            steps: &self.steps,
+            steps: &rows.steps,
+            whole_from: rows.whole_from,
             metrics: metrics.as_ref(),
             faults: &self.faults,
             reach: self.reach.as_ref(),
@@ -404,7 +398,7 @@ impl<'a> Hold<'a> {
             samples: self.samples,
             link_counters: session.counters(),
             amplifiers_off_s,
-            steps: self.steps,
+            steps: rows.steps,
             report,
             configs: prepared.configs,
             link: session.link().name(),

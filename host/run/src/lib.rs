@@ -21,6 +21,7 @@
 
 mod calibrate;
 mod checks;
+mod cycles;
 mod disarm;
 mod error;
 mod fault;

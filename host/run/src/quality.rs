@@ -179,6 +179,8 @@ pub(super) struct Evidence<'a> {
     /// Whether it was ended from outside.
     pub(super) interrupted: bool,
     pub(super) steps: &'a [Step],
+    /// Where the steps begin that follow each other without a gap.
+    pub(super) whole_from: usize,
     pub(super) metrics: Option<&'a Metrics>,
     pub(super) faults: &'a [RunFault],
     pub(super) reach: Option<&'a Reach>,
@@ -299,7 +301,10 @@ impl Evidence<'_> {
     /// which several cables add.
     fn swing(&self) -> Option<String> {
         let metrics = self.metrics?;
-        let steady = self.steady();
+        let mut steady = self.steady();
+        // Rows of which some are missing would swing at another rate.
+        let from_s = self.steps.get(self.whole_from)?.t_s;
+        steady.retain(|step| step.t_s >= from_s);
         let rate = |rms_n: f64, error_n: &dyn Fn(&Step) -> f64| {
             let errors = steady.iter().map(|step| (step.t_s, error_n(step)));
             swing_hz(errors).filter(|_| rms_n > CAUSES * metrics.tip_force_rms_n)
@@ -444,6 +449,7 @@ mod tests {
             rig: &Rig::built_in().unwrap(),
             interrupted: false,
             steps,
+            whole_from: 0,
             metrics: metrics.as_ref(),
             faults: &[],
             reach: None,
