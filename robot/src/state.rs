@@ -256,6 +256,9 @@ pub enum StateError {
     /// The message is not of the shape that was expected.
     #[error("the message can't be read: {0}")]
     Format(String),
+    /// A datagram is none of a robot.
+    #[error("one that is no message can't be read ({0}); does another program send to this port?")]
+    NoMessage(String),
     /// The publisher says so itself (CRTK: a stamp of 0).
     #[error("its stamp is 0: the publisher marks its data as invalid")]
     Invalid,
@@ -316,6 +319,15 @@ impl StateError {
         Self::Optional {
             field,
             why: Box::new(self),
+        }
+    }
+
+    /// Whether it is about a datagram that is none of a robot.
+    #[must_use]
+    pub fn is_no_message(&self) -> bool {
+        match self {
+            Self::Optional { why, .. } => why.is_no_message(),
+            error => matches!(error, Self::NoMessage(_)),
         }
     }
 }

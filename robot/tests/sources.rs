@@ -140,8 +140,6 @@ fn frame_0_of_the_raven_goes_through_its_crtk_frame() {
 fn bad_datagrams_are_events_and_never_states() {
     let good = r#"{"stamp_s": 100.0, "measured_cp": {"position": [0.1, 0.2, 0.3]}}"#;
     for bad in [
-        "",
-        "no pose",
         r#"{"measured_cp": {"position": [0.1, 0.2]}}"#,
         r#"{"measured_cp": {"position": [0.1, 0.2, NaN]}}"#,
         r#"{"stamp_s": 100.01, "measured_cp": {"position": [0.1, 0.2, 1e999]}}"#,
@@ -159,6 +157,161 @@ fn bad_datagrams_are_events_and_never_states() {
         assert_eq!(states.len(), 1, "{bad}");
         assert_eq!(events.len(), 1, "{bad}: {events:?}");
         assert!(events[0].stops(), "{bad}: {events:?}");
+    }
+}
+
+#[test]
+fn what_is_no_message_is_left_out_counted_and_told_once() {
+    let pose = |n: u32| {
+        let stamp_s = 100.0 + 0.01 * f64::from(n);
+        format!(r#"{{"stamp_s": {stamp_s}, "measured_cp": {{"position": [0.1, 0.2, 0.3]}}}}"#)
+    };
+    // A key of a message whose rest is another program's is still one of a robot.
+    let long = format!(r#"{{"temperature": "{}"}}"#, "x".repeat(9_000));
+    for none in [
+        &b""[..],
+        b"no pose",
+        b"\xff\xfe\x00\x80\x01",
+        b"42",
+        b"[0.1, 0.2, 0.3]",
+        b"{}",
+        br#"{"temperature": 21.5}"#,
+        br#"{"measured_cp": {"posi"#,
+        long.as_bytes(),
+    ] {
+        let mut source = Udp::listen(&UdpConfig {
+            listen: "127.0.0.1:0".to_owned(),
+            ..UdpConfig::default()
+        })
+        .unwrap();
+        let robot = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let other = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let (mut states, mut events, mut count) = (0, Vec::new(), 0);
+        for n in 0..5 {
+            for (sender, datagram) in [(&other, none), (&robot, pose(n).as_bytes())] {
+                sender.send_to(datagram, source.address()).unwrap();
+            }
+            for _ in 0..20_000 {
+                let poll = source.poll(10 * MS * i64::from(n + 1)).unwrap();
+                states += poll.states.len();
+                events.extend(poll.events);
+                count += poll.left_out.get("datagrams").copied().unwrap_or(0);
+                if states as u32 > n && count > u64::from(n) {
+                    break;
+                }
+                std::thread::sleep(Duration::from_micros(100));
+            }
+        }
+        assert_eq!((states, count), (5, 5), "{none:?}: {events:?}");
+        let [event @ Event::LeftOut(_)] = events.as_slice() else {
+            panic!("{none:?}: {events:?}")
+        };
+        assert!(
+            !event.stops() && event.to_string().contains("no message"),
+            "{event}"
+        );
+        // Nothing else comes: that is no pose.
+        other.send_to(none, source.address()).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+        let poll = source.poll(300 * MS).unwrap();
+        assert!(
+            matches!(poll.stop(), Some(Event::Silent { .. })),
+            "{poll:?}"
+        );
+    }
+}
+
+/// Joints and tip of one stamp, in two datagrams.
+fn halves(n: u32) -> [String; 2] {
+    let stamp = format!(r#""stamp_s": {}"#, 100.0 + 0.01 * f64::from(n));
+    [
+        format!(r#"{{{stamp}, "measured_js": {{"name": ["a"], "position": [0.5]}}}}"#),
+        format!(r#"{{{stamp}, "measured_cp": {{"position": [0.1, 0.2, 0.3]}}}}"#),
+    ]
+}
+
+#[test]
+fn joints_and_tip_of_one_stamp_in_two_datagrams_are_one_state() {
+    for tip_first in [false, true] {
+        let mut datagrams = Vec::new();
+        for n in 0..5 {
+            let mut both = halves(n);
+            if tip_first {
+                both.reverse();
+            }
+            datagrams.push(both);
+        }
+        let mut source = Udp::listen(&UdpConfig {
+            listen: "127.0.0.1:0".to_owned(),
+            ..UdpConfig::default()
+        })
+        .unwrap();
+        let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let (mut states, mut events) = (Vec::new(), Vec::new());
+        for (n, both) in datagrams.iter().enumerate() {
+            for half in both {
+                sender.send_to(half.as_bytes(), source.address()).unwrap();
+            }
+            std::thread::sleep(Duration::from_millis(20));
+            let poll = source.poll(10 * MS * (n as i64 + 1)).unwrap();
+            states.extend(poll.states);
+            events.extend(poll.events);
+        }
+        // Nobody knew of pairs before the first one.
+        assert_eq!(states.len(), 5, "{tip_first}: {states:?}");
+        assert_eq!(events, [Event::Repeated], "{tip_first}");
+        let whole = |state: &RobotState| state.joints.is_some() && state.tip.is_some();
+        assert!(!whole(&states[0]) && states[1..].iter().all(whole));
+        // One that stays alone is used alone, after its wait. So is a robot in fault, at once.
+        let [first, second] = if tip_first { [1, 0] } else { [0, 1] };
+        let alone = &halves(6)[first];
+        sender.send_to(alone.as_bytes(), source.address()).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+        let poll = source.poll(70 * MS).unwrap();
+        assert!(
+            poll.states.len() == 1 && !whole(&poll.states[0]),
+            "{poll:?}"
+        );
+        // The second part of another stamp is no part of it.
+        let late = &halves(7)[second];
+        sender.send_to(late.as_bytes(), source.address()).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+        assert_eq!(source.poll(80 * MS).unwrap().states.len(), 1);
+        let fault =
+            halves(8)[first].replacen('{', r#"{"operating_state": {"state": "FAULT"}, "#, 1);
+        sender.send_to(fault.as_bytes(), source.address()).unwrap();
+        std::thread::sleep(Duration::from_millis(2));
+        let mut stopped = false;
+        for _ in 0..20 {
+            stopped |= source.poll(90 * MS).unwrap().stop().is_some();
+        }
+        assert!(stopped, "{tip_first}");
+    }
+}
+
+#[test]
+fn a_robot_that_tells_poses_alone_waits_for_no_joints() {
+    let mut source = Udp::listen(&UdpConfig {
+        listen: "127.0.0.1:0".to_owned(),
+        ..UdpConfig::default()
+    })
+    .unwrap();
+    let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+    for n in 0..3 {
+        sender
+            .send_to(halves(n)[1].as_bytes(), source.address())
+            .unwrap();
+        let mut states = 0;
+        // Polled until it is there, and no later than it takes to come.
+        let began = std::time::Instant::now();
+        while states == 0 && began.elapsed() < Duration::from_secs(2) {
+            states += source
+                .poll(10 * MS * i64::from(n + 1))
+                .unwrap()
+                .states
+                .len();
+        }
+        assert_eq!(states, 1);
     }
 }
 

@@ -230,12 +230,14 @@ impl UdpPoses {
                 return Err(wrong(&self.listen, event));
             }
         };
+        self.bad += poll.left_out.get("datagrams").unwrap_or(&0);
         for event in &poll.events {
-            if event.stops() && !matches!(event, Event::Silent { .. }) {
+            let is_no_message = matches!(event, Event::LeftOut(flaw) if flaw.is_no_message());
+            if is_no_message || event.stops() && !matches!(event, Event::Silent { .. }) {
                 self.last = Some(Box::new(event.clone()));
             }
             match event {
-                // Of another program, or no message. Too many in a row are a pose that is too old.
+                // Of a shape that is not read. Too many in a row are a pose that is too old.
                 Event::Invalid(StateError::Format(_)) => self.bad += 1,
                 Event::Silent { .. } => {}
                 event if event.stops() => return Err(wrong(&self.listen, event.clone())),

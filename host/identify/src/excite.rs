@@ -204,7 +204,9 @@ impl Excitation<'_> {
                     controls.robot(true)?;
                 }
             }
-            let cycle = self.setpoints(session, t_s)?;
+            let cycle = self.setpoints(session, t_s);
+            run::tell_of(&mut self.pose, observer);
+            let cycle = cycle?;
             let limit_n = self.rig.controller.force_limit_n;
             self.swing = eased(self.swing, cycle.force_n.norm(), limit_n)?;
             session.send_setpoints(cycle.setpoints, PERIOD)?;

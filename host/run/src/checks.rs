@@ -67,6 +67,12 @@ pub(super) fn check_stop(stop: &AtomicBool) -> Result<(), RunError> {
     }
 }
 
+/// Tells what the poses gave to tell since the last call.
+pub fn tell_of(pose: &mut PoseSource, observer: &mut dyn Observer) {
+    let told = pose.notices();
+    told.iter().for_each(|text| observer.notice(text));
+}
+
 /// The tip by a pose that is received from now on, robot base frame, m.
 ///
 /// # Errors
@@ -82,12 +88,10 @@ pub fn fresh_pose(
         session.exchange(PERIOD)?;
         observer.received(&session.drain());
         check_stop(stop)?;
-        match pose.tip_m(session.pose().map(|pose| pose.position_m.into())) {
-            Ok(tip_m) => {
-                let told = pose.notices();
-                told.iter().for_each(|text| observer.notice(text));
-                return Ok(tip_m);
-            }
+        let tip_m = pose.tip_m(session.pose().map(|pose| pose.position_m.into()));
+        tell_of(pose, observer);
+        match tip_m {
+            Ok(tip_m) => return Ok(tip_m),
             Err(_) if pose.may_still_come() => {}
             Err(error) => return Err(error.into()),
         }

@@ -4,7 +4,7 @@
 //! force; where they cannot, the rig is ramped down, because the cables that are left would pull
 //! the tip aside. A fault of the whole board ends the run.
 
-use crate::checks::{check_stop, fresh_pose, require_zero_at};
+use crate::checks::{check_stop, fresh_pose, require_zero_at, tell_of};
 use crate::cycles::Cycles;
 use crate::error::{RunError, UnitLost};
 use crate::fault::RunFault;
@@ -190,7 +190,9 @@ impl<'a> Hold<'a> {
 
     /// The controller's input: pose, tensions that are recent enough, commanded force.
     fn input(&mut self, session: &Session<'_>, t_s: f64) -> Result<Input, RunError> {
-        let (tip_m, moment) = self.pose.tip(session.tip_m(), session.now_ns())?;
+        let tip = self.pose.tip(session.tip_m(), session.now_ns());
+        tell_of(&mut self.pose, self.observer);
+        let (tip_m, moment) = tip?;
         Ok(Input {
             dt_s: PERIOD.as_secs_f64(),
             tip_m,

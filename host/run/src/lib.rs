@@ -37,7 +37,7 @@ mod tension;
 #[cfg(test)]
 mod tests;
 
-pub use checks::{fresh_pose, require_feasible};
+pub use checks::{fresh_pose, require_feasible, tell_of};
 pub use disarm::ramp_down_and_disarm;
 pub use error::{ArgumentError, Fault, Infeasible, MovedZero, RunError, UnitLost};
 pub use fault::RunFault;

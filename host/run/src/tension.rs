@@ -1,6 +1,6 @@
 //! Holding tensions: arm, hold zero force at least tension or given tensions, until it is ended.
 
-use crate::checks::{fresh_pose, require_feasible, require_zero_at};
+use crate::checks::{fresh_pose, require_feasible, require_zero_at, tell_of};
 use crate::disarm::ramp_down_and_disarm;
 use crate::error::{ArgumentError, Fault, RunError};
 use crate::options::Zeroing;
@@ -231,7 +231,9 @@ fn hold(
             let left_out = std::array::from_fn(|i| rig.units[i].enabled && !available[i]);
             return Ok(sums.outcome(held_s, left_out, interrupted));
         }
-        let (tip_m, moment) = pose.tip(session.tip_m(), session.now_ns())?;
+        let tip = pose.tip(session.tip_m(), session.now_ns());
+        tell_of(pose, observer);
+        let (tip_m, moment) = tip?;
         // While a cable's slack is taken up its reel turns as no robot makes it.
         let moment = moment.filter(|_| held_s > 0.0);
         let measured = session.recent_tension_n();

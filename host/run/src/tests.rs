@@ -485,3 +485,58 @@ fn other_devices_are_refused_with_the_reason() {
         assert!(!board.commands.contains(&Command::Arm));
     }
 }
+
+/// A robot that sends its poses over UDP, and a key that nobody knows once the force is commanded.
+struct UdpRobot {
+    sender: std::net::UdpSocket,
+    tip_m: [f64; 3],
+    notes: Vec<String>,
+}
+
+impl UdpRobot {
+    fn send(&self, more: &str) {
+        let pose = format!(r#"{{"position": {:?}{more}}}"#, self.tip_m);
+        // The address is listened on from the second call on.
+        let _ = self.sender.send(pose.as_bytes());
+    }
+}
+
+impl Observer for UdpRobot {
+    fn notice(&mut self, text: &str) {
+        self.notes.push(text.to_owned());
+    }
+    fn received(&mut self, _: &session::Received) {
+        self.send("");
+    }
+    fn step(&mut self, step: &Step) {
+        if step.t_s > 0.0 {
+            self.send(r#", "time": 5"#);
+        }
+    }
+}
+
+#[test]
+fn a_key_of_a_pose_that_first_comes_after_arming_is_told() {
+    let free = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let listen = free.local_addr().unwrap().to_string();
+    drop(free);
+    let sender = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    sender.connect(&listen).unwrap();
+    let mut rig = rig();
+    let mut robot = UdpRobot {
+        sender,
+        tip_m: rig.workspace.center_m.into(),
+        notes: Vec::new(),
+    };
+    rig.pose = rig::PoseChoice::Udp {
+        listen,
+        max_age_s: 10.0,
+    };
+    let mut board = FakeBoard::new(Behavior::Good);
+    let told = set_force(&mut board, &rig, &options(), &mut robot);
+    let notes = robot.notes;
+    assert!(
+        notes.iter().any(|text| text.contains("`time`")),
+        "{told:?}: {notes:?}"
+    );
+}

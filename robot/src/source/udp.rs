@@ -14,14 +14,18 @@
 //! tip or joints may be missing; a position may be `{"x": ..., "y": ..., "z": ...}`, and a bare
 //! `{"position": [x, y, z]}` is a tip. Of several lines the last one counts. `NaN` and `Infinity`,
 //! which Python writes though JSON does not have them, and `null` are numbers that are not known.
-//! Anything that is not of this shape is an event; a key that is not known is left out, and told.
+//! Joints and tip of one stamp may come in two datagrams ([`Pairs`]).
+//!
+//! A datagram that is no message at all (no JSON object, or one without any of these keys: another
+//! program's) is left out, counted and told; a message of another shape is an event. A key that is
+//! not known is left out, and told.
 
 use super::{arrival, sift, Poll, Source, SourceError, UdpConfig};
 use crate::crtk::operating;
 use crate::state::{
     Clock, Effort, JointState, Meaning, OperatingState, RobotState, Stamp, StateError, TipState,
 };
-use crate::watch::Watch;
+use crate::watch::{Unfit, Watch};
 use serde::de::IgnoredAny;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -34,6 +38,19 @@ use std::time::{Duration, Instant};
 const DATAGRAM: usize = 8_192;
 /// Datagrams that wait for a poll at most: more would keep the caller from its cycle.
 const QUEUE: usize = 1_000;
+/// Keys of a message. An object without any of them is another program's.
+const KEYS: [&str; 7] = [
+    "stamp_s",
+    "seq",
+    "header",
+    "measured_cp",
+    "measured_js",
+    "operating_state",
+    "position",
+];
+/// How long joints wait for the tip of their stamp, or the tip for the joints. A driver sends both
+/// in one cycle; half a period at 100 Hz keeps the tip from getting old.
+const PAIR_WITHIN: Duration = Duration::from_millis(5);
 /// After this time without a datagram the thread looks whether it is still needed.
 const PATIENCE: Duration = Duration::from_millis(200);
 
@@ -287,13 +304,24 @@ impl From<Position> for [f64; 3] {
 
 /// The last line of a datagram that is not empty, as an object.
 fn parse(bytes: &[u8]) -> Result<Message, StateError> {
-    let wrong = |why: String| StateError::Format(why);
-    let text = std::str::from_utf8(bytes).map_err(|error| wrong(error.to_string()))?;
+    let none = |why: String| StateError::NoMessage(why).of_optional("datagrams");
+    if bytes.len() == DATAGRAM {
+        return Err(none(format!("it has {DATAGRAM} bytes or more")));
+    }
+    let text = std::str::from_utf8(bytes).map_err(|error| none(error.to_string()))?;
     let line = text.lines().rev().find(|line| !line.trim().is_empty());
     let line = line.unwrap_or_default();
-    serde_json::from_str(line)
-        .or_else(|error| serde_json::from_str(&without_nan(line)).map_err(|_| error))
-        .map_err(|error| wrong(error.to_string()))
+    let without_nan = without_nan(line);
+    let message = serde_json::from_str(line)
+        .or_else(|error| serde_json::from_str(&without_nan).map_err(|_| error));
+    let keys = serde_json::from_str::<Unknown>(&without_nan);
+    match (message, keys) {
+        (Err(error), Err(_)) => Err(none(error.to_string())),
+        (_, Ok(keys)) if !KEYS.iter().any(|key| keys.contains_key(*key)) => {
+            Err(none(format!("it has none of the keys {}", KEYS.join(", "))))
+        }
+        (message, _) => message.map_err(|error| StateError::Format(error.to_string())),
+    }
 }
 
 /// The text with `null` for each NaN and Infinity that stands outside of a string.
@@ -321,6 +349,7 @@ pub struct Udp {
     config: UdpConfig,
     address: SocketAddr,
     incoming: Receiver<Datagram>,
+    pairs: Pairs,
     /// Dropped with the source: the thread ends then.
     _alive: Arc<()>,
     watch: Watch,
@@ -360,6 +389,7 @@ impl Udp {
         Ok(Self {
             address,
             incoming,
+            pairs: Pairs::default(),
             _alive: alive,
             watch: Watch::new(config.watch.clone()),
             config: config.clone(),
@@ -384,6 +414,8 @@ impl Udp {
             while next().is_some_and(|datagram| !is_marker(&datagram)) {}
         }
         self.watch = Watch::new(self.config.watch.clone());
+        self.pairs.waits = None;
+        self.pairs.last = None;
     }
 
     /// The address that is listened on.
@@ -459,9 +491,103 @@ impl Source for Udp {
                 received.extend(message.unknown().map(Err));
                 self.state(message, datagram.from, came)
             });
-            received.push(state);
+            match state {
+                Ok(state) => received.extend(self.pairs.take(state, datagram.came).map(Ok)),
+                Err(error) => received.push(Err(error)),
+            }
         }
+        received.extend(self.pairs.waited(polled).map(Ok));
         Ok(sift(received, &mut self.watch, &self.config.mount, now_ns))
+    }
+}
+
+/// Joins joints and tip of one stamp that one sender tells in two datagrams, as a driver with a
+/// topic for each does. Nothing waits before the first such pair was seen: a robot that tells poses
+/// alone has each of them used as it comes.
+#[derive(Debug, Default)]
+struct Pairs {
+    /// Which part comes first; `None`: no pair was seen.
+    first: Option<Part>,
+    /// The newest state that was passed on and is half of a pair.
+    last: Option<RobotState>,
+    /// A first part that waits for the second one, and when it came.
+    waits: Option<(Instant, RobotState)>,
+}
+
+/// Half of a state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Joints,
+    Tip,
+}
+
+impl Part {
+    fn of(state: &RobotState) -> Option<Self> {
+        match (&state.joints, &state.tip) {
+            (Some(_), None) => Some(Self::Joints),
+            (None, Some(_)) => Some(Self::Tip),
+            _ => None,
+        }
+    }
+}
+
+impl Pairs {
+    /// What can be passed on once `state` came.
+    fn take(&mut self, state: RobotState, came: Instant) -> impl Iterator<Item = RobotState> {
+        let before = self.waits.take().map(|(_, state)| state);
+        let part = Part::of(&state);
+        let is_pair = |first: &RobotState| {
+            let parts = (Part::of(first), part);
+            matches!(parts, (Some(first), Some(second)) if first != second)
+                && state.stamp.clock == Clock::RobotUtc
+                && (&first.stamp, &first.publisher) == (&state.stamp, &state.publisher)
+        };
+        let (before, now) = match before {
+            Some(first) if is_pair(&first) => (None, Some(joined(first, state))),
+            before => {
+                if let Some(first) = self.last.as_ref().filter(|first| is_pair(first)) {
+                    self.first = Part::of(first);
+                }
+                // A robot that is unfit is told of at once.
+                let is_fit = state.operating.and_then(Unfit::of).is_none();
+                if part.is_some() && part == self.first && is_fit {
+                    self.waits = Some((came, state));
+                    (before, None)
+                } else {
+                    (before, Some(state))
+                }
+            }
+        };
+        for passed in [&before, &now].into_iter().flatten() {
+            self.note(passed);
+        }
+        before.into_iter().chain(now)
+    }
+
+    /// A first part whose second one did not come in time.
+    fn waited(&mut self, now: Instant) -> Option<RobotState> {
+        let late =
+            |(came, _): &mut (Instant, _)| now.saturating_duration_since(*came) > PAIR_WITHIN;
+        let (_, state) = self.waits.take_if(late)?;
+        self.note(&state);
+        Some(state)
+    }
+
+    fn note(&mut self, passed: &RobotState) {
+        if !passed.is_operating_alone() {
+            self.last = Part::of(passed).map(|_| passed.clone());
+        }
+    }
+}
+
+/// A state with the parts of both. It was whole when the second one came.
+fn joined(first: RobotState, second: RobotState) -> RobotState {
+    RobotState {
+        sequence: first.sequence.or(second.sequence),
+        joints: first.joints.or(second.joints),
+        tip: first.tip.or(second.tip),
+        operating: second.operating.or(first.operating),
+        ..second
     }
 }
 

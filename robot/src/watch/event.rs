@@ -10,10 +10,9 @@ pub enum Event {
     /// The state itself is not usable.
     #[error("the robot's state can't be used: {0}")]
     Invalid(#[from] StateError),
-    /// A part without which the state can be used has a flaw. Told once for each part.
-    #[error(
-        "a part of the robot's state is left out, here and from now on where it is the same: {0}"
-    )]
+    /// A part without which the state can be used has a flaw, or a datagram is no message. Told once
+    /// for each part.
+    #[error("left out, here and from now on where the flaw is the same: {0}")]
     LeftOut(StateError),
     /// The joints are not those that were expected.
     #[error("the robot reports the joints {got:?}, expected are {expected:?}: check `joint_names` in [robot] and which arm is connected")]
@@ -62,6 +61,13 @@ pub enum Event {
     #[error("the robot's clock runs at {rate:.3} of this computer's: is it simulated (use_sim_time), or is its time being corrected (chrony: maxslewrate)? This computer can't tell when its states were")]
     ClockRate {
         /// Its seconds in one of ours.
+        rate: f64,
+    },
+    /// The time that states are compared with is that of an emulated rig, and did not pass as this
+    /// computer's.
+    #[error("the emulated rig ran at {rate:.3} of real time, so when the robot's states were can't be told; run it on a computer with less to do")]
+    RigPace {
+        /// Its seconds in one of this computer's.
         rate: f64,
     },
     /// A state that is older than the last one.

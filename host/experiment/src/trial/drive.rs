@@ -103,19 +103,25 @@ impl Run<'_> {
         let began_ns = session.now_ns();
         // What came last: a cause before a silence, which is only what follows from it.
         let mut why: Option<Event> = None;
-        let _ = feed.poll(session.link(), began_ns);
+        let mut old = feed.poll(session.link(), began_ns).unwrap_or_default();
         loop {
             session.exchange(PERIOD)?;
             let now_ns = session.now_ns();
             let fresh = feed
                 .poll(session.link(), now_ns)
                 .map_err(|error| robot_gone(&error))?;
+            let old = std::mem::take(&mut old.poll.events);
+            for event in old.iter().chain(&fresh.poll.events) {
+                if matches!(event, Event::LeftOut(_)) {
+                    self.note_event(event, "before arming");
+                }
+            }
             let received = session.drain();
             self.log.received(&received);
             self.newest =
                 (fresh.poll.states.iter().rev()).find_map(|state| tip_of(&fresh.poll, state));
             for event in fresh.poll.events {
-                let is_cause = !matches!(event, Event::Silent { .. });
+                let is_cause = !matches!(event, Event::Silent { .. } | Event::LeftOut(_));
                 if why.is_none() || is_cause {
                     why = Some(event);
                 }

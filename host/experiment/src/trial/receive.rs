@@ -4,6 +4,7 @@
 use super::super::feed::Feed;
 use super::{robot_gone, tip_of, End, Run};
 use robot::state::TipForce;
+use robot::watch::Event;
 use run::{Observer, RunError};
 use session::{Received, Session};
 use wire::message::flags;
@@ -25,8 +26,7 @@ impl Run<'_> {
         self.take(&received);
         self.arm.extend(fresh.truth);
         for event in &fresh.poll.events {
-            self.shown.events.push(format!("{t_s:.3} s: {event}"));
-            self.shown.counts.robot_events += 1;
+            self.note_event(event, &format!("{t_s:.3} s"));
         }
         for (part, count) in &fresh.poll.left_out {
             let left_out = &mut self.shown.counts.robot_left_out;
@@ -81,6 +81,17 @@ impl Run<'_> {
         while self.arm.len() > 2000 {
             self.arm.pop_front();
         }
+    }
+
+    /// Keeps what is not in order with the robot. What is left out from now on is told at once:
+    /// nothing else would tell of it before the end.
+    pub(super) fn note_event(&mut self, event: &Event, when: &str) {
+        let text = format!("{when}: {event}");
+        if matches!(event, Event::LeftOut(_)) {
+            self.log.notice(&text);
+        }
+        self.shown.events.push(text);
+        self.shown.counts.robot_events += 1;
     }
 
     /// A force that the robot's side asks for does not change the profile of a trial. That is said
