@@ -48,6 +48,8 @@ pub enum Cause {
         /// Whether a curve of the cell would explain the readings as well: only this weight shows
         /// it.
         or_curved: bool,
+        /// Whether it is the largest and gives far less than it should: the code may have stopped.
+        or_stopped: bool,
     },
     /// The scale changed between two readings.
     ScaleChanged {
@@ -90,8 +92,11 @@ impl fmt::Display for Found {
                 limit_g,
                 lines,
                 or_curved,
+                or_stopped,
             } => {
-                let otherwise = if *or_curved {
+                let otherwise = if *or_stopped {
+                    ". Or the code stops to grow before this load, at a limit of cell or converter: hang weights between this one and the next smaller to tell"
+                } else if *or_curved {
                     ". Or the cell is curved, which no other weight shows: hang weights between this one and the next smaller to tell"
                 } else {
                     ""
@@ -137,6 +142,9 @@ const LEAST_LIMITS: f64 = 2.0;
 /// Nor is one by less than this, N, however good its class: creep and hysteresis that the model
 /// leaves are as large on a good cell (0.01 % of 10 N).
 const LEAST_WEIGHT_N: f64 = 0.001;
+/// Part of the largest weight that has to be missing before its code may have stopped: more than
+/// the curve of any cell.
+const STOPPED: f64 = 0.1;
 /// Readings that each part before and after a step has at least; fewer are single wrong entries.
 const PART: usize = 3;
 
@@ -215,6 +223,8 @@ fn told(
                 limit_g,
                 lines: hung.map(|r| r.at.line).collect(),
                 or_curved,
+                or_stopped: used.iter().all(|r| r.weight_g <= *weight_g)
+                    && size * g_per_n < -STOPPED * weight_g,
             };
             (cause, se * g_per_n)
         }

@@ -101,6 +101,10 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
             if mean.abs() > f64::from(1 << 23) {
                 return Err(table.bad_value(row, code, "a code has 24 bits: -8388608 to 8388607"));
             }
+            if mean.abs() >= f64::from((1 << 23) - 1) {
+                let problem = "the end of the converter's range, beyond which it shows no load; take the line out, and weigh less or with another gain of the converter";
+                return Err(table.bad_value(row, code, problem));
+            }
             let standard_error_codes = match error {
                 Some(error) => {
                     let found = table.number(row, error)?;
@@ -172,20 +176,35 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
 /// of two only.
 const LEAST_REPEATS: usize = 4;
 
+/// Repeats of a weight scatter too much to be the same load where their standard deviation is
+/// above so many times that of the others, and above this part of the range of the codes: no noise
+/// is as large, and a cell's hysteresis is 1 % of the range at most.
+const OTHER_LOAD: (f64, f64) = (30.0, 0.02);
+
 /// Standard deviation of a reading, codes, from the readings of the same weight, or why they tell
-/// none.
+/// none. A weight among whose repeats is another load does not count: it would hide itself.
 fn scatter_of_repeats(readings: &[Reading]) -> Result<f64, String> {
-    let (mut square, mut free) = (0.0, 0);
+    let mut groups: Vec<(f64, usize)> = Vec::new();
     for (i, reading) in readings.iter().enumerate() {
         let same = || readings.iter().filter(|r| r.weight_g == reading.weight_g);
         let first = readings[..i].iter().all(|r| r.weight_g != reading.weight_g);
-        if first {
+        if first && same().count() > 1 {
             let count = same().count();
             let mean = same().map(|r| r.code).sum::<f64>() / count as f64;
-            square += same().map(|r| (r.code - mean).powi(2)).sum::<f64>();
-            free += count - 1;
+            groups.push((
+                same().map(|r| (r.code - mean).powi(2)).sum::<f64>(),
+                count - 1,
+            ));
         }
     }
+    let sd = |(square, free): &(f64, usize)| (square / *free as f64).sqrt();
+    let usual = stats::median(&groups.iter().map(sd).collect::<Vec<f64>>());
+    let codes = || readings.iter().map(|r| r.code);
+    let range = codes().fold(f64::NEG_INFINITY, f64::max) - codes().fold(f64::INFINITY, f64::min);
+    let (times, part) = OTHER_LOAD;
+    groups.retain(|group| !(sd(group) > times * usual && sd(group) > part * range));
+    let square: f64 = groups.iter().map(|(square, _)| square).sum();
+    let free: usize = groups.iter().map(|(_, free)| free).sum();
     if free < LEAST_REPEATS {
         return Err(format!(
             "lines that repeat a weight stand for it from {LEAST_REPEATS} on, here are {free}"

@@ -280,6 +280,51 @@ fn a_slip_between_two_small_weights_is_named_on_a_curved_cell() {
     }
 }
 
+/// Without `standard_error`: the repeats stand for it.
+fn table(last: f64) -> String {
+    let mut text = "weight_g,code\n".to_owned();
+    for round in 0..2 {
+        for (i, weight_g) in [0.0, 100.0, 200.0, 500.0, 1000.0].iter().enumerate() {
+            let noise = f64::from((7 * round + 3 * i as i32) % 5) - 2.0;
+            let code = 1000.0 + weight_g * 1431.0 + noise;
+            text.push_str(&format!("{weight_g},{code}\n"));
+        }
+    }
+    let at = text.trim_end().rfind(',').unwrap();
+    text.truncate(at);
+    format!("{text},{last}\n")
+}
+
+#[test]
+fn a_repeat_of_another_load_is_named_and_makes_no_scatter() {
+    for last in [8_388_606.0, -5e6, 700_000.0] {
+        let error = fit(&read("w.csv", &table(last)).unwrap(), &options()).unwrap_err();
+        let message = error.to_string();
+        let names = message.contains("w.csv:11: entered 1000 g");
+        assert!(names && !message.contains("wiring"), "{last}: {message}");
+    }
+    assert!(fit(&read("w.csv", &table(1_432_001.0)).unwrap(), &options()).is_ok());
+}
+
+#[test]
+fn codes_at_the_end_of_the_range_and_codes_that_stop_are_told_as_that() {
+    for end in [8_388_607.0, -8_388_608.0] {
+        let message = read("w.csv", &table(end)).unwrap_err().to_string();
+        let told = message.contains("w.csv:11") && message.contains("end of the converter's range");
+        assert!(told, "{message}");
+    }
+    // At a limit below that, which the largest weight alone reaches.
+    let stopped = series(5, 0.0, 5.0, |force, _, _| {
+        straight(force.min(0.6 * 9.81), Direction::Loading, 0.0)
+    });
+    let message = fit(&stopped, &options()).unwrap_err().to_string();
+    assert!(message.contains("1000 g"), "{message}");
+    assert!(
+        !message.contains("have it weighed") || message.contains("stops to grow"),
+        "{message}"
+    );
+}
+
 #[test]
 fn rows_that_were_pasted_twice_are_named() {
     let (_, body) = SHORT_SERIES.split_once('\n').unwrap();
