@@ -375,3 +375,32 @@ fn a_wrong_geometry_is_named_by_verify() {
     let said = run(folder.path(), verify);
     assert!(!said.out.contains("what fits"), "{said:?}");
 }
+
+/// A service refuses a clear that a stop overtakes. The link is there, so that is no lost link.
+#[cfg(unix)]
+#[test]
+fn a_clear_beside_stops_is_refused_with_the_code_of_a_stop() {
+    let board = board::Board::start(4);
+    let folder = folder();
+    let at = format!("--link serial:{}", board.port);
+    expect(folder.path(), &format!("status {at}"), 0, &[]);
+    let over = std::sync::atomic::AtomicBool::new(false);
+    let codes = std::thread::scope(|scope| {
+        let stops = || {
+            while !over.load(std::sync::atomic::Ordering::Relaxed) {
+                run(folder.path(), &format!("stop {at}"));
+            }
+        };
+        scope.spawn(stops);
+        scope.spawn(stops);
+        let codes: Vec<_> = (0..40)
+            .map(|_| run(folder.path(), &format!("clear {at}")))
+            .collect();
+        over.store(true, std::sync::atomic::Ordering::Relaxed);
+        codes
+    });
+    for said in &codes {
+        assert!(matches!(said.code, Some(0 | 5)), "{said:?}");
+    }
+    assert!(codes.iter().any(|said| said.code == Some(5)), "{codes:?}");
+}

@@ -356,10 +356,10 @@ fn a_log_is_joined_by_time_with_the_error_of_the_join() {
     assert!(!said.out.contains("0.000 ms"), "{said:?}");
     assert!(!folder.path().join("none.parquet").exists());
     std::fs::write(folder.path().join("other.csv"), other.replace("+01:00", "")).expect("written");
-    expect(folder.path(), line, 7, &["row 1 has a time without a zone"]);
+    expect(folder.path(), line, 2, &["row 1 has a time without a zone"]);
     // Another column of time.
     let line = format!("{merge} q1");
-    expect(folder.path(), &line, 7, &["row 1 has no time"]);
+    expect(folder.path(), &line, 2, &["row 1 has no time"]);
 }
 
 /// What every file below a folder holds, by its path.
@@ -438,13 +438,13 @@ fn an_output_of_a_recording_never_replaces_what_is_read_or_another_recording() {
         "joined.parquet: it has columns that the join adds",
         "`log_utc`",
     ];
-    expect(folder.path(), line, 7, &words);
+    expect(folder.path(), line, 2, &words);
     std::fs::write(folder.path().join("twice.csv"), "time,q,q\n1,2,3\n").expect("written");
     let line = "recording merge rec --log twice.csv --time time --out twice.parquet";
     let said = expect(
         folder.path(),
         line,
-        7,
+        2,
         &["more than one column of the name `q`"],
     );
     assert!(said.err.starts_with("forcectl: twice.csv: "), "{said:?}");

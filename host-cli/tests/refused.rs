@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{expect, folder};
+use common::{expect, folder, run};
 
 #[test]
 fn a_plant_that_cannot_be_is_refused_with_its_file() {
@@ -95,4 +95,120 @@ fn a_run_too_short_to_tell_whether_the_rig_was_moved_says_so() {
         &["\"moved\":null"],
     );
     assert!(said.out.contains("\"version\":null"), "{said:?}");
+}
+
+/// Files that have no end, or none that can be waited for: each command that reads says so at once.
+#[test]
+fn a_file_without_an_end_is_refused_by_every_command_that_reads_one() {
+    let folder = folder();
+    std::fs::create_dir(folder.path().join("dir")).expect("made");
+    let made = std::process::Command::new("mkfifo")
+        .arg(folder.path().join("fifo"))
+        .status();
+    assert!(made.expect("mkfifo runs").success());
+    std::fs::write(folder.path().join("robot.toml"), "").expect("written");
+    for (command, code) in [
+        ("recording check FILE", 2),
+        ("recording export FILE --out out", 2),
+        (
+            "recording merge FILE --log robot.toml --time t --out o.parquet",
+            2,
+        ),
+        (
+            "recording merge robot.toml --log FILE --time t --out o.parquet",
+            2,
+        ),
+        (
+            "recording merge robot.toml --log FILE.parquet --time t --out o.parquet",
+            2,
+        ),
+        ("calibrate gain --link fast --unit 3 --readings FILE", 2),
+        ("calibrate geometry --link fast --yes --points FILE", 2),
+        (
+            "calibrate geometry --link fast --yes --points robot.toml --base FILE",
+            2,
+        ),
+        ("calibrate diff ./FILE --link fast", 2),
+        ("check FILE", 3),
+        ("status --link fast --rig FILE", 3),
+        ("status --link fast --plant FILE", 2),
+        ("init new.toml --answers FILE", 2),
+        ("experiment check FILE", 2),
+        ("experiment run FILE", 2),
+        ("estimate train FILE --out a.model", 2),
+        ("residual --data FILE --model new.toml --init", 3),
+        ("residual --data robot.toml --model FILE", 2),
+        ("serve --link usb --tcp 127.0.0.1:0 --token-file FILE", 2),
+    ] {
+        for file in ["fifo", "/dev/zero", "dir"] {
+            let suffix = ["FILE.parquet", "./FILE"]
+                .iter()
+                .any(|name| command.contains(name));
+            // A folder is a recording, an experiment's data or a log.
+            let takes_folder = ["recording", "estimate train", "--data FILE"];
+            let folder_may_be = takes_folder.iter().any(|word| command.contains(word));
+            if suffix && file != "fifo" || folder_may_be && file == "dir" {
+                continue;
+            }
+            if command.contains("FILE.parquet") {
+                let link = folder.path().join("fifo.parquet");
+                let _ = std::os::unix::fs::symlink("fifo", link);
+            }
+            let line = command.replace("FILE", file);
+            let said = run(folder.path(), &format!("{line} --json"));
+            assert_eq!(said.code, Some(code), "{line}: {said:?}");
+            let words = ["not a regular file", "Not a directory"];
+            assert!(
+                words.iter().any(|word| said.out.contains(word)),
+                "{line}: {said:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn codes_of_what_was_not_read_or_asked_for_wrongly_are_those_of_the_table() {
+    let folder = folder();
+    for line in [
+        "calibrate gain --link fast --unit 3 --yes --gravity 5",
+        "calibrate gain --link fast --unit 9 --yes",
+        "calibrate gain --link fast --unit 3 --readings w.csv --correct 99=5",
+        "calibrate gain --link fast --unit 3 --readings w.csv --leave-out 99",
+        "calibrate serials --link fast --unit 9 --cell X",
+        "calibrate show 99 --link fast",
+        "calibrate diff 99 --link fast",
+        "calibrate use 99 --link fast",
+        "recording check none",
+        "recording export none",
+        "recording export none --out out",
+        "recording merge none --log w.csv --time weight_g --out o.parquet",
+    ] {
+        let text = "weight_g,code,standard_error\n0,1,1\n100,143001,1\n200,286001,1\n";
+        std::fs::write(folder.path().join("w.csv"), text).expect("written");
+        let said = expect(folder.path(), line, 2, &[]);
+        assert!(!said.out.contains("cut off"), "{said:?}");
+    }
+    assert!(!folder.path().join("none").exists() && !folder.path().join("out").exists());
+}
+
+#[test]
+fn direct_without_a_port_is_refused_and_keeps_no_rig_from_being_stopped() {
+    let folder = folder();
+    for line in [
+        "status --direct --link rig:one",
+        "set-force 0 1 0 --direct --link fast",
+        "clear --direct",
+        "experiment run --quick --direct",
+    ] {
+        expect(folder.path(), line, 2, &["--direct"]);
+    }
+    let run = folder.path().join("run");
+    std::fs::create_dir(&run).expect("made");
+    let calls = common::fake::service(&run);
+    for line in ["stop --direct --link rig:fake", "stop --direct"] {
+        let before = calls.lock().unwrap().len();
+        expect(folder.path(), line, 0, &["stopped"]);
+        let called = calls.lock().unwrap()[before..].contains(&"stop".to_owned());
+        assert!(called, "{line}");
+    }
 }

@@ -4,7 +4,7 @@
 use sha2::{Digest, Sha256};
 use std::fmt;
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// A file that takes its place when it is complete. Dropped before, it leaves the old file.
@@ -168,13 +168,59 @@ pub fn replace(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     part.finish(file)
 }
 
+/// Longest text that is read whole, bytes: a configuration, a card, a table of readings. The
+/// largest of ours (`result.json` of a long trial) has less than 1 MB.
+const TEXT_MAX: u64 = 64 << 20;
+
+/// Opens a file to read it. A pipe without a writer and `/dev/zero` have no end, and a pipe can't
+/// be read twice: what is no regular file is refused before it is opened.
+///
+/// # Errors
+/// It can't be opened, or is a folder, a pipe or a device.
+pub fn open(path: &Path) -> io::Result<File> {
+    let kind = fs::metadata(path)?.file_type();
+    let wrong = match (kind.is_file(), kind.is_dir()) {
+        (true, _) => return File::open(path),
+        (_, true) => "it is a folder and not a regular file",
+        _ => {
+            "it is a pipe or a device and not a regular file; write what it gives to a file, \
+             and name that"
+        }
+    };
+    Err(io::Error::new(io::ErrorKind::InvalidInput, wrong))
+}
+
+/// The text of a file, read whole.
+///
+/// # Errors
+/// As [`open`]; it is no UTF-8, or has more than 64 MiB.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    let file = open(path)?;
+    let long = || {
+        let text = format!(
+            "it has more than {} MiB: another file is meant",
+            TEXT_MAX >> 20
+        );
+        io::Error::new(io::ErrorKind::FileTooLarge, text)
+    };
+    if file.metadata()?.len() > TEXT_MAX {
+        return Err(long());
+    }
+    // One that grows meanwhile, or of a file system that does not tell its length.
+    let text = io::read_to_string(file.take(TEXT_MAX + 1))?;
+    if text.len() as u64 > TEXT_MAX {
+        return Err(long());
+    }
+    Ok(text)
+}
+
 /// SHA-256 of a file, in hexadecimal.
 ///
 /// # Errors
 /// It can't be read.
 pub fn sha256(path: &Path) -> io::Result<String> {
     let mut hash = Sha256::new();
-    io::copy(&mut File::open(path)?, &mut hash)?;
+    io::copy(&mut open(path)?, &mut hash)?;
     Ok(hex(&hash.finalize()))
 }
 
@@ -207,6 +253,31 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).unwrap(), "new");
         assert_eq!(fs::read_dir(folder.path().join("new")).unwrap().count(), 1);
         assert!(replace(&path.join("below a file"), "").is_err());
+    }
+
+    #[test]
+    fn a_folder_and_a_text_that_is_too_long_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let why = read_text(folder.path()).unwrap_err().to_string();
+        assert!(why.contains("folder"), "{why}");
+        let long = folder.path().join("long");
+        // A file with a hole takes no space.
+        File::create(&long).unwrap().set_len(TEXT_MAX + 1).unwrap();
+        let why = read_text(&long).unwrap_err().to_string();
+        assert!(why.contains("64 MiB"), "{why}");
+        fs::write(&long, "text").unwrap();
+        assert_eq!(read_text(&long).unwrap(), "text");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_device_without_an_end_is_refused() {
+        for result in [
+            open(Path::new("/dev/zero")).map(drop),
+            sha256(Path::new("/dev/zero")).map(drop),
+        ] {
+            assert!(result.unwrap_err().to_string().contains("a device"));
+        }
     }
 
     #[test]

@@ -152,6 +152,14 @@ impl Existing {
             ],
         )?;
         self.only_embedded(&given, embedded)?;
+        if self.direct && !is_port(self.choice(&given)) {
+            return Err(Failure::usage(format!(
+                "--direct opens a board's port in this process, and the link is {}{}; omit --direct, or name the port with --link usb or \
+                 --link serial:PORT; nothing was done",
+                self.choice(&given),
+                if self.link.is_some() { "" } else { " (from the rig file)" }
+            )));
+        }
         check_plant(new.plant.as_deref())?;
         let target = self.target(new, &given)?;
         let (rig, name) = self.rig_of(&target, given, context)?;
@@ -415,6 +423,12 @@ impl Existing {
             context.output.note(&format!("rig: {}", link.name()));
         }
         Ok(self.to_tested_board(link))
+    }
+
+    /// Whether this process opens a board's port. A rig file that can't be read names none.
+    pub fn opens_port(&self) -> bool {
+        let of_file = || Some(Rig::load(self.rig.as_ref()?).ok()?.link);
+        self.direct && (self.link.clone().or_else(of_file)).is_some_and(|link| is_port(&link))
     }
 
     /// Whether a service is meant: that of `--link`, else any. Asks none, for one that hangs has no
@@ -690,6 +704,11 @@ impl Connection {
         let rig = self.load(context)?;
         self.at.session(&self.new, role, &rig, context, command)
     }
+}
+
+/// Whether a link is the port of a board.
+const fn is_port(link: &LinkChoice) -> bool {
+    matches!(link, LinkChoice::Usb | LinkChoice::Serial(_))
 }
 
 /// Whether a service has this port under another name (`usb` and `ttyACM0`).

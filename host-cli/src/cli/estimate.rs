@@ -388,7 +388,8 @@ fn mapping(file: Option<&PathBuf>) -> Result<Mapping> {
 /// # Errors
 /// It can't be read, or is no model of this version.
 pub fn model(path: &Path) -> Result<Estimator> {
-    let text = std::fs::read_to_string(path)
+    let text = files::open(path)
+        .and_then(std::io::read_to_string)
         .map_err(|error| Failure::usage(format!("{}: {error}", path.display())))?;
     Estimator::from_json(&text)
         .map_err(|error| Failure::usage(format!("{}: {error}", path.display())))
@@ -742,6 +743,5 @@ fn stream_lines(s: &Streamed) -> String {
 const NO_NAME: &str = "neither [robot] of the experiment nor a mapping file names this robot: nothing will tell a model of it from that of another one. Give `name` in [robot], or `robot` in the mapping file";
 
 fn sha256(path: &Path) -> Result<String> {
-    files::sha256(path)
-        .map_err(|error| Failure::new(exit::FILE, format!("{}: {error}", path.display())))
+    files::sha256(path).map_err(|error| Failure::usage(format!("{}: {error}", path.display())))
 }

@@ -10,13 +10,13 @@ use std::path::Path;
 
 /// The command succeeded.
 pub const DONE: u8 = 0;
-/// The arguments are wrong. Nothing was opened or driven.
+/// The arguments are wrong, or a file that they name can't be read. Nothing was driven.
 pub const USAGE: u8 = 2;
 /// The rig file is wrong. Nothing was opened or driven.
 pub const RIG_FILE: u8 = 3;
 /// The link cannot be opened, was lost, or the other end is not a board of this version.
 pub const LINK: u8 = 4;
-/// The board refused a command, or a fault stopped the rig.
+/// The board or its service refused a command, or a fault stopped the rig.
 pub const BOARD: u8 = 5;
 /// The run was completed, but not with the requested result.
 pub const DEGRADED: u8 = 6;
@@ -32,10 +32,10 @@ pub const INTERRUPTED: u8 = 130;
 pub const TABLE: &str = "\
 Exit codes:
   0  the command succeeded
-  2  the arguments are wrong; nothing was driven
+  2  the arguments are wrong, or a file that they name can't be read; nothing was driven
   3  the rig file is wrong; nothing was driven
   4  the link cannot be opened, was lost, or the other end is not a board of this version
-  5  the board refused a command, or a fault stopped the rig
+  5  the board or its service refused a command, or a fault stopped the rig
   6  the run was completed, but the force was not held as commanded: it never settled, left its
      band, was out of reach or saturated a limit, a unit was missing, the amplifiers lost power,
      or an injection did not happen; or a calibration step was refused
@@ -144,6 +144,14 @@ impl Failure {
     }
 }
 
+/// The code of a link's error. A service that refuses has a link.
+const fn code_of_link(error: &LinkError) -> u8 {
+    match error {
+        LinkError::NotAllowed(_) => BOARD,
+        _ => LINK,
+    }
+}
+
 impl From<files::Refused> for Failure {
     fn from(error: files::Refused) -> Self {
         Self::usage(error)
@@ -158,7 +166,7 @@ impl From<RigFileError> for Failure {
 
 impl From<LinkError> for Failure {
     fn from(error: LinkError) -> Self {
-        Self::new(LINK, error)
+        Self::new(code_of_link(&error), error)
     }
 }
 
@@ -178,8 +186,8 @@ impl From<service::ServiceError> for Failure {
 impl From<SessionError> for Failure {
     fn from(error: SessionError) -> Self {
         let code = match &error {
-            SessionError::Link(_)
-            | SessionError::NoBoard { .. }
+            SessionError::Link(error) => code_of_link(error),
+            SessionError::NoBoard { .. }
             | SessionError::Version { .. }
             | SessionError::NoAnswer { .. } => LINK,
             SessionError::OtherBoard { .. } => USAGE,
@@ -222,7 +230,7 @@ impl From<StoreError> for Failure {
 #[cfg(feature = "record")]
 impl From<recording::RecordError> for Failure {
     fn from(error: recording::RecordError) -> Self {
-        Self::new(FILE, error)
+        Self::new(if error.of_input { USAGE } else { FILE }, error)
     }
 }
 

@@ -152,7 +152,7 @@ impl Run {
         // A trial with a virtual robot has a rig of its own, of which nothing is stored.
         let connection = match experiment.robot {
             SourceConfig::Virtual(_) => {
-                refuse_rig(self.link.as_ref())?;
+                refuse_rig(self.link.as_ref(), self.direct)?;
                 None
             }
             _ => Some(Connection::of_experiment(
@@ -172,6 +172,12 @@ impl Run {
             }
             None => rig,
         };
+        if self.resume && !self.out.join("experiment.toml").is_file() {
+            context.output.note(&format!(
+                "--resume: {} holds no experiment, so all trials begin anew",
+                self.out.display()
+            ));
+        }
         let _controlled_stop = context.interrupt.controlled_stop();
         let (failure, count) = (RefCell::new(None), Cell::new(0));
         let open = connection.as_ref().map(|connection| {
@@ -238,13 +244,15 @@ impl Run {
 }
 
 /// Refuses a rig that exists for a virtual robot, which it would not be driven by.
-fn refuse_rig(link: Option<&LinkChoice>) -> Result<()> {
-    match link {
-        None | Some(LinkChoice::Embedded | LinkChoice::Fast) => Ok(()),
-        Some(link) => Err(Failure::usage(format!(
-            "the robot is virtual, and its trials run on a rig of their own; leave --link {link} out, or name another kind in [robot]; nothing was driven"
-        ))),
-    }
+fn refuse_rig(link: Option<&LinkChoice>, direct: bool) -> Result<()> {
+    let option = match link {
+        None | Some(LinkChoice::Embedded | LinkChoice::Fast) if !direct => return Ok(()),
+        Some(link) => format!("--link {link}"),
+        None => "--direct".to_owned(),
+    };
+    Err(Failure::usage(format!(
+        "the robot is virtual, and its trials run on a rig of their own; leave {option} out, or name another kind in [robot]; nothing was driven"
+    )))
 }
 
 impl Check {

@@ -143,7 +143,7 @@ fn asked_units(question: &Question, answers: &BTreeMap<String, String>) -> Vec<O
 /// Answers from a file.
 fn read(path: &Path) -> Result<BTreeMap<String, String>> {
     let wrong = |why: String| Failure::usage(format!("{}: {why}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+    let text = files::read_text(path).map_err(|error| wrong(error.to_string()))?;
     let table: toml::Table = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
     table
         .iter()

@@ -109,6 +109,13 @@ impl Recording {
                 let beside = files::folder_of(&mcap);
                 let folder = out.as_deref().unwrap_or(beside);
                 check_export(&mcap, folder, *repaired)?;
+                // Before a folder is made for what can't be read.
+                files::open(&mcap).map_err(|error| {
+                    Failure::usage(format!(
+                        "{}: {error}; give a run.mcap of `forcectl`, or the folder that holds it",
+                        mcap.display()
+                    ))
+                })?;
                 std::fs::create_dir_all(folder).map_err(|error| Failure::file(folder, error))?;
                 export(&mcap, folder, *repaired)
             }
@@ -203,7 +210,11 @@ fn export(mcap: &Path, folder: &Path, repaired: bool) -> Result<Reply> {
         return Ok(reply.with_code(if whole { exit::DONE } else { exit::DEGRADED }));
     }
     let why: Vec<_> = exported.failures.iter().map(ToString::to_string).collect();
-    Err(Failure::new(exit::FILE, why.join("\n")).with_reply(reply))
+    let code = match exported.failures.iter().all(|failure| failure.of_input) {
+        true => exit::USAGE,
+        false => exit::FILE,
+    };
+    Err(Failure::new(code, why.join("\n")).with_reply(reply))
 }
 
 /// The check for people.

@@ -105,7 +105,7 @@ impl Listen {
 
 /// The token in a file.
 fn token(file: &Path) -> Result<String> {
-    let text = std::fs::read_to_string(file)
+    let text = files::read_text(file)
         .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;
     let token = text.trim().to_owned();
     if token.len() < 16 {

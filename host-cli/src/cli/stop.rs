@@ -46,7 +46,8 @@ impl Stop {
     /// waiting. `false`: no service is concerned.
     #[cfg(unix)]
     fn stop_services(&self, context: &Context) -> Result<bool> {
-        if self.connection.direct {
+        // A `--direct` that names no port keeps no rig from being stopped.
+        if self.connection.opens_port() {
             return Ok(false);
         }
         let found = socket::find();

@@ -428,14 +428,14 @@ pub fn read(store: &Store) -> Result<Option<Record>> {
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(StoreError::file(&path, error)),
+        Err(error) => return Err(StoreError::unreadable(&path, error)),
     };
     let way_out = "delete it and run `forcectl bring-up` again";
     let record: Record = serde_json::from_str(&text)
-        .map_err(|error| StoreError::file(&path, format!("{error}; {way_out}")))?;
+        .map_err(|error| StoreError::unreadable(&path, format!("{error}; {way_out}")))?;
     if record.schema != SCHEMA {
         let cause = format!("schema {} is not {SCHEMA}; {way_out}", record.schema);
-        return Err(StoreError::file(&path, cause));
+        return Err(StoreError::unreadable(&path, cause));
     }
     Ok(Some(record))
 }

@@ -206,7 +206,7 @@ pub fn apply(record: &mut Record, survey: &Survey) -> Result<()> {
             .units
             .iter()
             .position(|u| u.number == unit.unit)
-            .ok_or_else(|| CalibrateError::refused(format!("the rig has no unit {}", unit.unit)))?;
+            .ok_or_else(|| CalibrateError::input(format!("the rig has no unit {}", unit.unit)))?;
         let found = &mut record.units[at];
         found.exit_m = unit.exit_m.into();
         found.axis = unit.axis.into();

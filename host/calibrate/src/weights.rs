@@ -260,7 +260,9 @@ pub fn fit(file: &str, text: &str, options: &Options) -> Result<Fitted> {
         GainError::WrongEntries(_) => CalibrateError::refused(format!(
             "{error}\nto correct line N: --correct N=GRAM; to leave it out: --leave-out N"
         )),
-        GainError::BadReading { .. } => CalibrateError::input(&error),
+        GainError::BadReading { .. }
+        | GainError::BadOption { .. }
+        | GainError::NoSuchLine { .. } => CalibrateError::input(&error),
         GainError::Copied { at, .. } => {
             CalibrateError::input(format!("{error}: --leave-out {}", at.line))
         }
@@ -467,7 +469,7 @@ fn enter(
         .units
         .iter_mut()
         .find(|u| u.number == unit)
-        .ok_or_else(|| CalibrateError::refused(format!("there is no unit {unit}")))?;
+        .ok_or_else(|| CalibrateError::input(format!("there is no unit {unit}")))?;
     let conversion = gain.conversion();
     found.n_per_code = conversion.n_per_code;
     found.n_per_code_sd =

@@ -8,6 +8,7 @@ use calibration::zero::{
 };
 use known::store::Store;
 use known::zeros::{UnitZero, POWER_UP_MISS_N};
+use known::StoreError;
 use nalgebra::{Matrix3, Vector3};
 
 /// [`POWER_UP_MISS_N`] as a standard deviation, N: all misses up to it are equally likely.
@@ -276,7 +277,7 @@ fn power_ups(store: &Store) -> Result<Vec<Past>> {
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(CalibrateError::file(&path, error)),
+        Err(error) => return Err(StoreError::unreadable(&path, error).into()),
     };
     let read = || -> std::result::Result<Vec<Past>, calibration::input::InputError> {
         let table = Table::parse(&path.display().to_string(), &text)?;

@@ -211,7 +211,7 @@ impl ModelCard {
                 path.display()
             ))
         };
-        let text = std::fs::read_to_string(&path).map_err(|error| bad(error.to_string()))?;
+        let text = ::files::read_text(&path).map_err(|error| bad(error.to_string()))?;
         let card: Self = serde_json::from_str(&text)
             .map_err(|error| bad(format!("it cannot be read as a model card: {error}")))?;
         let sha = files::sha256(model).map_err(|error| bad(error.to_string()))?;

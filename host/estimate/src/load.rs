@@ -190,7 +190,7 @@ fn table(path: &Path, mapping: &Mapping) -> Result<Read, LoadError> {
 /// # Errors
 /// The file can't be read, or a key is wrong.
 pub fn mapping(path: &Path) -> Result<Mapping, LoadError> {
-    let text = std::fs::read_to_string(path).map_err(|e| failed(path, e))?;
+    let text = ::files::read_text(path).map_err(|e| failed(path, e))?;
     let mapping: Mapping = toml::from_str(&text).map_err(|e| failed(path, e))?;
     mapping.input.check().map_err(|e| failed(path, e))?;
     if mapping.text == Action::Fix {
@@ -245,7 +245,7 @@ pub fn load(path: &Path, mapping: &Mapping, rate_hz: f64, label: Label) -> Resul
     let (files, card) = files(path)?;
     let card: Option<serde_json::Value> = match card {
         Some(card) => {
-            let text = std::fs::read_to_string(&card).map_err(|e| failed(&card, e))?;
+            let text = ::files::read_text(&card).map_err(|e| failed(&card, e))?;
             Some(serde_json::from_str(&text).map_err(|e| failed(&card, e))?)
         }
         None => None,

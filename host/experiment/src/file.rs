@@ -218,7 +218,7 @@ impl Experiment {
     /// [`FileError`].
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|error| FileError {
+        let text = files::read_text(path).map_err(|error| FileError {
             file: file.clone(),
             problem: format!(
                 "cannot be read ({error}); `forcectl experiment check --print` prints an example"

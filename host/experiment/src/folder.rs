@@ -106,6 +106,11 @@ fn io(path: &Path, error: &std::io::Error) -> ExperimentError {
     failed(path, error).into()
 }
 
+/// A file of the folder that can't be read.
+fn unreadable(path: &Path, error: &std::io::Error) -> ExperimentError {
+    ExperimentError::Folder(failed(path, format!("cannot be read: {error}")).to_string())
+}
+
 /// Writes a text so that the file is there whole or as it was before.
 fn write_whole(path: &Path, text: &str) -> Result<(), ExperimentError> {
     files::replace(path, text).map_err(|error| io(path, &error))
@@ -405,10 +410,10 @@ impl AttemptFolder {
         if !path.is_file() {
             return Ok(None);
         }
-        let text = std::fs::read_to_string(&path).map_err(|error| io(&path, &error))?;
+        let text = files::read_text(&path).map_err(|error| unreadable(&path, &error))?;
         let attempt = serde_json::from_str(&text).map_err(|error| {
             let what = format!("is no result: {error}; move the attempt's folder away");
-            failed(&path, what)
+            ExperimentError::Folder(failed(&path, what).to_string())
         })?;
         Ok(Some(attempt))
     }
@@ -477,7 +482,7 @@ impl AttemptFolder {
             }
             let name = path.strip_prefix(&self.root).unwrap_or(&path);
             let name = name.display().to_string();
-            let hash = files::sha256(&path).map_err(|error| io(&path, &error))?;
+            let hash = files::sha256(&path).map_err(|error| unreadable(&path, &error))?;
             attempt.files.insert(name, hash);
         }
         let text = serde_json::to_string_pretty(&attempt).unwrap_or_default();

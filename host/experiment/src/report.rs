@@ -100,6 +100,11 @@ struct Data {
 /// (4.3: 0 to 2.4 mm/s in six).
 const STANDING_M_PER_S: f64 = 0.4e-3;
 
+/// Reads a table of the data set.
+fn read(path: &Path) -> Result<Table, ExperimentError> {
+    Table::read(path).map_err(|error| ExperimentError::Folder(error.to_string()))
+}
+
 impl Data {
     fn read(
         folder: &Folder,
@@ -111,11 +116,11 @@ impl Data {
         let mut data = Self::default();
         for attempt in card.good() {
             folder.check_files(attempt)?;
-            let table = Table::read(&folder.dataset(attempt.trial))?;
+            let table = read(&folder.dataset(attempt.trial))?;
             data.add(&table, stride, experiment.rate_hz);
             let truth = folder.truth(attempt.trial);
             if truth.is_file() {
-                data.judge(&table, &Table::read(&truth)?);
+                data.judge(&table, &read(&truth)?);
             }
             if data.curves.rows() == 0 {
                 data.curves = table;

@@ -9,7 +9,6 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
-use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -148,7 +147,7 @@ impl Table {
     /// [`TableError`].
     pub fn read(path: &Path) -> Result<Self, TableError> {
         let read = || -> Result<Self, Box<dyn std::error::Error>> {
-            let reader = SerializedFileReader::new(File::open(path)?)?;
+            let reader = SerializedFileReader::new(files::open(path)?)?;
             let schema = reader.metadata().file_metadata().schema_descr_ptr();
             let names = schema.columns().iter().map(|c| c.name().to_owned());
             let mut table = Self::new(names.collect());

@@ -222,7 +222,7 @@ impl Store {
         let text = match std::fs::read_to_string(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(error) => return Err(StoreError::file(&path, error)),
+            Err(error) => return Err(StoreError::unreadable(&path, error)),
         };
         let rows = text.lines().enumerate().skip(1);
         rows.map(|(at, line)| {

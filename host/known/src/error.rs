@@ -12,7 +12,7 @@ pub enum StoreError {
     /// The content is sound and does not fit this rig.
     #[error("{0}\nnothing was stored")]
     Refused(String),
-    /// A file.
+    /// A file or folder that can't be written.
     #[error("{path}: {cause}")]
     File {
         /// The file.
@@ -34,13 +34,19 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// A file that can't be used.
+    /// A file that can't be written.
     #[must_use]
     pub fn file(path: &Path, cause: impl Display) -> Self {
         Self::File {
             path: path.display().to_string(),
             cause: cause.to_string(),
         }
+    }
+
+    /// A file that can't be read.
+    #[must_use]
+    pub fn unreadable(path: &Path, cause: impl Display) -> Self {
+        Self::Input(format!("{} can't be read: {cause}", path.display()))
     }
 
     /// Content that can't be used.

@@ -188,7 +188,7 @@ fn find(record: &mut Record, unit: u8) -> Result<&mut UnitRecord> {
         .units
         .iter_mut()
         .find(|u| u.number == unit)
-        .ok_or_else(|| StoreError::refused(format!("there is no unit {unit}")))
+        .ok_or_else(|| StoreError::input(format!("there is no unit {unit}")))
 }
 
 #[cfg(test)]

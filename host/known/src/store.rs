@@ -88,7 +88,7 @@ impl Store {
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => {
                 let cause = format!("{error}{}", self.way_out());
-                Err(StoreError::file(&path, cause))
+                Err(StoreError::unreadable(&path, cause))
             }
         }
     }
@@ -112,7 +112,7 @@ impl Store {
         let entries = match std::fs::read_dir(&folder) {
             Ok(entries) => entries,
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(error) => return Err(StoreError::file(&folder, error)),
+            Err(error) => return Err(StoreError::unreadable(&folder, error)),
         };
         let mut found: Vec<String> = entries
             .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
@@ -129,18 +129,19 @@ impl Store {
     /// There is none, or it can't be used.
     pub fn version(&self, name: &str) -> Result<Record> {
         if name == "current" {
-            return self.current()?.ok_or_else(|| StoreError::File {
-                path: self.folder.display().to_string(),
-                cause: "this rig has no calibration yet; `forcectl calibrate gain` begins one"
-                    .to_owned(),
+            return self.current()?.ok_or_else(|| {
+                StoreError::input(format!(
+                    "{}: this rig has no calibration yet; `forcectl calibrate gain` begins one",
+                    self.folder.display()
+                ))
             });
         }
         let path = match name.parse::<u32>() {
             Ok(number) => self.folder.join(format!("versions/{number:04}.toml")),
             Err(_) => PathBuf::from(name),
         };
-        let text = std::fs::read_to_string(&path).map_err(|error| {
-            StoreError::file(
+        let text = files::read_text(&path).map_err(|error| {
+            StoreError::unreadable(
                 &path,
                 format!("{error}; `forcectl calibrate show --versions` lists what is kept"),
             )
@@ -228,7 +229,7 @@ impl Draft {
         match std::fs::read_to_string(&self.path) {
             Ok(text) => Ok(Some(text)),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(StoreError::file(&self.path, error)),
+            Err(error) => Err(StoreError::unreadable(&self.path, error)),
         }
     }
 
@@ -261,7 +262,7 @@ impl Draft {
             // A clock that was set back gives no age.
             Ok(written) => Ok(written.elapsed().map_or(0.0, |age| age.as_secs_f64())),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(0.0),
-            Err(error) => Err(StoreError::file(&self.path, error)),
+            Err(error) => Err(StoreError::unreadable(&self.path, error)),
         }
     }
 

@@ -22,6 +22,8 @@ pub struct RecordError {
     pub cause: String,
     /// What to do.
     pub advice: &'static str,
+    /// Whether it could not be read; else it could not be written.
+    pub of_input: bool,
 }
 
 impl RecordError {
@@ -31,6 +33,7 @@ impl RecordError {
             path: path.display().to_string(),
             cause: cause.to_string(),
             advice: "check the folder and the space on the disk",
+            of_input: false,
         }
     }
 
@@ -40,6 +43,7 @@ impl RecordError {
             path: path.display().to_string(),
             cause: cause.to_owned(),
             advice,
+            of_input: false,
         }
     }
 
@@ -49,6 +53,7 @@ impl RecordError {
             path: path.display().to_string(),
             cause: cause.to_string(),
             advice: "give a run.mcap of `forcectl`, or the folder that holds it",
+            of_input: true,
         }
     }
 }

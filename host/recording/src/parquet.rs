@@ -87,7 +87,7 @@ pub fn export(recording: &Path, folder: &Path) -> Exported {
 /// # Errors
 /// Why not.
 pub(super) fn readable(path: &Path) -> Result<(), String> {
-    let file = File::open(path).map_err(|error| error.to_string())?;
+    let file = files::open(path).map_err(|error| error.to_string())?;
     SerializedFileReader::new(file).map_err(|error| error.to_string())?;
     Ok(())
 }

@@ -90,7 +90,7 @@ impl Reader {
     /// # Errors
     /// It can't be opened.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
-        let file = File::open(path).map_err(|error| RecordError::unreadable(path, &error))?;
+        let file = files::open(path).map_err(|error| RecordError::unreadable(path, &error))?;
         let options = LinearReaderOptions::default()
             .with_prevalidate_chunk_crcs(true)
             .with_validate_data_section_crc(true)

@@ -51,7 +51,7 @@ pub(super) fn problems(folder: &Path, messages: &BTreeMap<String, u64>) -> Vec<S
 /// Compares with the hashes. `files` have to be among them; that the tables of `told` are missing
 /// was told already.
 pub(super) fn sums(folder: &Path, files: &[&str], told: &[&str], problems: &mut Vec<String>) {
-    let (text, lacks) = match std::fs::read_to_string(folder.join(SUMS_FILE)) {
+    let (text, lacks) = match files::read_text(&folder.join(SUMS_FILE)) {
         Ok(text) => (text, None),
         Err(error) if error.kind() == ErrorKind::NotFound => {
             (String::new(), Some(format!("missing: {SUMS_FILE}")))

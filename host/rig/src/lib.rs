@@ -80,7 +80,7 @@ impl RigText {
     pub fn read(path: Option<&Path>) -> Result<Self, RigFileError> {
         let (name, text) = match path {
             None => (DEFAULT_NAME.to_owned(), Ok(DEFAULT_TEXT.to_owned())),
-            Some(path) => (path.display().to_string(), read_regular(path)),
+            Some(path) => (path.display().to_string(), files::read_text(path)),
         };
         match text {
             Ok(text) => Ok(Self { name, text }),
@@ -215,15 +215,6 @@ fn above(value: f64, limit: f64) -> String {
 pub fn board_crc(configs: &[UnitConfig; UNITS]) -> u32 {
     // Plain integers into memory: cannot fail.
     wire::frame::crc32(&postcard::to_stdvec(configs).unwrap_or_default())
-}
-
-/// The text of a regular file. A pipe or a device may never end, so it is refused.
-fn read_regular(path: &Path) -> std::io::Result<String> {
-    if std::fs::metadata(path)?.is_file() {
-        std::fs::read_to_string(path)
-    } else {
-        Err(std::io::Error::other("it is not a regular file"))
-    }
 }
 
 #[cfg(test)]

@@ -2,8 +2,8 @@
 //! others watch.
 
 use super::protocol::{
-    Call, CommandParams, Event, Hello, HoldParams, Request, ServiceStatus, Telemetry, Tick, Topics,
-    Welcome, STOPPED_BY,
+    self, Call, CommandParams, Event, Hello, HoldParams, Request, ServiceStatus, Telemetry, Tick,
+    Topics, Welcome, STOPPED_BY,
 };
 use super::socket;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
@@ -65,7 +65,12 @@ pub enum ServiceError {
 
 impl From<ServiceError> for LinkError {
     fn from(error: ServiceError) -> Self {
-        Self::Service(error.to_string())
+        match error {
+            ServiceError::Refused { code, message } if code != protocol::code::LINK => {
+                Self::NotAllowed(message)
+            }
+            error => Self::Service(error.to_string()),
+        }
     }
 }
 
@@ -409,7 +414,7 @@ impl ServiceLink {
                 Ok(())
             }
             Notification::LinkLost(cause) => Err(self.lost(&cause)),
-            Notification::Refused(why) => Err(LinkError::Service(why)),
+            Notification::Refused(why) => Err(LinkError::NotAllowed(why)),
             Notification::Event(event) => {
                 let who = event.text.strip_prefix(STOPPED_BY);
                 if let Some(who) = who.filter(|_| event.kind == "stop") {

@@ -317,7 +317,7 @@ impl Spec {
     /// # Errors
     /// [`Error::Model`] or [`Error::Expression`].
     pub fn load(path: &Path) -> Result<Spec, Error> {
-        let text = std::fs::read_to_string(path).map_err(|e| {
+        let text = files::read_text(path).map_err(|e| {
             Error::model(format!(
                 "{}: cannot be read ({e}); give the path of a model file, as docs/residual/model-toml.md describes it",
                 path.display()

@@ -224,7 +224,7 @@ fn read(path: &Path) -> Result<(String, String)> {
     let text = if name == "-" {
         std::io::read_to_string(std::io::stdin())
     } else {
-        std::fs::read_to_string(path)
+        files::read_text(path)
     };
     text.map(|text| (name.clone(), text)).map_err(|error| {
         let why = if error.kind() == std::io::ErrorKind::InvalidData {

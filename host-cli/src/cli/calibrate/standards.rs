@@ -123,7 +123,7 @@ impl Standards {
         if gravity::ON_EARTH_M_PER_S2.contains(&value) {
             return Ok(());
         }
-        Err(calibrate::CalibrateError::refused(format!(
+        Err(calibrate::CalibrateError::input(format!(
             "--gravity is {value}; on Earth it is 9.76 to 9.84 m/s^2"
         )))
     }

@@ -156,7 +156,7 @@ fn check_name(estimator: &Estimator, name: Option<&str>, file: &Path) -> Result<
 
 /// `[robot]` of a TOML file.
 fn robot_table(file: &Path) -> Result<SourceConfig> {
-    let text = std::fs::read_to_string(file)
+    let text = files::read_text(file)
         .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;
     let mut table: toml::Table = toml::from_str(&text)
         .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;

@@ -8,6 +8,7 @@ use ::parquet::file::reader::{FileReader, SerializedFileReader};
 use ::parquet::record::Field;
 use ::parquet::schema::types::ColumnDescriptor;
 use residual_columns::dates;
+use std::io::Read;
 use std::path::Path;
 
 /// A robot's log.
@@ -63,6 +64,7 @@ impl Log {
                 path: self.path.clone(),
                 cause,
                 advice,
+                of_input: true,
             })
         };
         let ours = ADDED.map(|(name, _)| name);
@@ -106,6 +108,7 @@ impl Log {
                     self.names.join(", ")
                 ),
                 advice: "name the column with the time",
+                of_input: true,
             })
     }
 
@@ -139,6 +142,7 @@ impl Log {
                         path: self.path.clone(),
                         cause: format!("row {} has {what} in `{}`: {cells:?}", n + 1, options.time),
                         advice,
+                        of_input: true,
                     });
                 }
                 time.ok()
@@ -156,6 +160,7 @@ impl Log {
                             cells
                         ),
                         advice: "give UTC or ROS time (s, ms, us or ns since 1970, or RFC 3339); a time since the start of the log can't be joined",
+                        of_input: true,
                     })
             })
             .collect()
@@ -219,8 +224,11 @@ fn csv_rows(path: &Path) -> Result<Texts, RecordError> {
         path: path.display().to_string(),
         cause: error.to_string(),
         advice: "give a CSV file with a header line, or Parquet",
+        of_input: true,
     };
-    let bytes = std::fs::read(path).map_err(|error| unreadable(error.into()))?;
+    let mut bytes = Vec::new();
+    (files::open(path).and_then(|mut file| file.read_to_end(&mut bytes)))
+        .map_err(|error| unreadable(error.into()))?;
     // The header has no number: a semicolon or a tab in it separates, and numbers then have a
     // decimal comma, or a point as well.
     let head = bytes.split(|b| *b == b'\n').next().unwrap_or(&[]);
@@ -262,8 +270,9 @@ fn parquet_rows(path: &Path) -> Result<Texts, RecordError> {
         path: path.display().to_string(),
         cause: error.to_string(),
         advice: "give a Parquet file with flat columns, or CSV",
+        of_input: true,
     };
-    let file = std::fs::File::open(path).map_err(|error| unreadable(&error))?;
+    let file = files::open(path).map_err(|error| unreadable(&error))?;
     let reader = SerializedFileReader::new(file).map_err(|error| unreadable(&error))?;
     let schema = reader.metadata().file_metadata().schema_descr();
     let columns = schema.columns().iter();

@@ -19,7 +19,7 @@ const DEFAULT_SEED: u64 = 1;
 pub fn plant_of(path: &Path) -> Result<PlantConfig, LinkError> {
     let setup =
         |error: &dyn std::fmt::Display| LinkError::Setup(format!("{}: {error}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|error| setup(&error))?;
+    let text = files::read_text(path).map_err(|error| setup(&error))?;
     let plant: PlantConfig = toml::from_str(&text).map_err(|error| setup(&error))?;
     plant.validate().map_err(|error| setup(&error))?;
     Ok(plant)

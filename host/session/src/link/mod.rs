@@ -143,9 +143,12 @@ pub enum LinkError {
         /// What was noticed.
         cause: String,
     },
-    /// The service of the rig refused a request, or can't be reached.
+    /// The service of the rig can't be reached, or its link is gone.
     #[error("{0}")]
     Service(String),
+    /// The service of the rig refused a request: the rig was stopped, or another client commands.
+    #[error("{0}")]
+    NotAllowed(String),
     /// The embedded rig refused a request.
     #[error("the embedded rig can't do that: {0}")]
     Refused(String),

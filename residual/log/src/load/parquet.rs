@@ -108,7 +108,7 @@ pub(super) fn read(path: &Path) -> Result<Table, Error> {
             None => format!("cannot be read as Parquet: {e}; copy or write the file again"),
         })
     };
-    let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
+    let file = files::open(path).map_err(|e| Error::io(path, e))?;
     let reader = SerializedFileReader::new(file).map_err(|e| fail(e.to_string()))?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let metadata = reader.metadata().file_metadata().key_value_metadata();

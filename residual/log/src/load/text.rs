@@ -7,7 +7,6 @@ use crate::spec::{Action, Input};
 use residual_columns::dates;
 use residual_columns::error::Error;
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
@@ -15,7 +14,7 @@ use std::path::Path;
 /// not).
 pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     let mut file =
-        BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
+        BufReader::with_capacity(1 << 16, files::open(path).map_err(|e| Error::io(path, e))?);
     let head = file.fill_buf().map_err(|e| Error::io(path, e))?;
     if let Some(what) = other_format(head) {
         return Err(Error::io(
