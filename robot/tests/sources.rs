@@ -249,8 +249,11 @@ fn joints_and_tip_of_one_stamp_in_two_datagrams_are_one_state() {
         let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
         let (mut states, mut events) = (Vec::new(), Vec::new());
         for (n, both) in datagrams.iter().enumerate() {
-            for half in both {
-                sender.send_to(half.as_bytes(), source.address()).unwrap();
+            let enabled = r#"{"operating_state": {"state": "ENABLED"}}"#;
+            for datagram in [&both[0], enabled, &both[1]] {
+                sender
+                    .send_to(datagram.as_bytes(), source.address())
+                    .unwrap();
             }
             std::thread::sleep(Duration::from_millis(20));
             let poll = source.poll(10 * MS * (n as i64 + 1)).unwrap();

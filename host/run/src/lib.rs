@@ -11,6 +11,7 @@
 //! | hold tensions instead of a force | `tension` |
 //! | ramp down and disarm | `disarm` |
 //! | whether the run did what was commanded | `quality` |
+//! | figures of all cycles, and the rows that are kept of them | `cycles` |
 //! | figures, faults, losses | `outcome` |
 //! | progress for the user | `phase` |
 //! | why a run could not be done | `error` |

@@ -534,6 +534,10 @@ impl Part {
 impl Pairs {
     /// What can be passed on once `state` came.
     fn take(&mut self, state: RobotState, came: Instant) -> impl Iterator<Item = RobotState> {
+        if state.is_operating_alone() {
+            // On a topic of its own it may come between the two.
+            return None.into_iter().chain(Some(state));
+        }
         let before = self.waits.take().map(|(_, state)| state);
         let part = Part::of(&state);
         let is_pair = |first: &RobotState| {
@@ -558,7 +562,7 @@ impl Pairs {
                 }
             }
         };
-        for passed in [&before, &now].into_iter().flatten() {
+        if let Some(passed) = now.as_ref().or(before.as_ref()) {
             self.note(passed);
         }
         before.into_iter().chain(now)
@@ -574,9 +578,7 @@ impl Pairs {
     }
 
     fn note(&mut self, passed: &RobotState) {
-        if !passed.is_operating_alone() {
-            self.last = Part::of(passed).map(|_| passed.clone());
-        }
+        self.last = Part::of(passed).map(|_| passed.clone());
     }
 }
 
