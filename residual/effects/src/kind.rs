@@ -112,6 +112,9 @@ kinds! {
     Saturation "saturation"
         "saturation: beyond a limit the target no longer follows the command"
         "ramp the command slowly beyond the suspected limit and back";
+    SlewLimit "slew_limit"
+        "slew limit: the target follows the command no faster than at a limited rate, as behind an amplifier or a ramp in a drive"
+        "step the command by several amounts: the target rises along straight lines of one slope, whatever the size of the step";
     Quantisation "quantisation"
         "quantisation: the command takes effect, or the target is read, only in whole steps"
         "ramp the command so slowly that many rows fall on each step";

@@ -35,6 +35,7 @@ mod quadratic;
 mod quantisation;
 mod saturation;
 mod sensor_lag;
+mod slew_limit;
 mod spectrum;
 mod stribeck;
 mod tone;
@@ -71,6 +72,7 @@ pub const CATALOGUE: &[&dyn Effect] = &[
     &sensor_lag::SensorLag,
     &clock_skew::ClockSkew,
     &saturation::Saturation,
+    &slew_limit::SlewLimit,
     &quantisation::Quantisation,
     &drift_time::DriftTime,
     &drift_temperature::DriftTemperature,

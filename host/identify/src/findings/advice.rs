@@ -32,6 +32,9 @@ pub fn without_setting(name: &str) -> Option<&'static str> {
         "saturation" => {
             "keep the tensions below the limit that was found, or raise the limit: supply, amplifier range, converter gain"
         }
+        "slew_limit" => {
+            "change the command more slowly than the rate that was found, or raise the limit: a ramp in the drive, the amplifier"
+        }
         "quantisation" => "use a larger gain of the converter or the amplifier, so that one step is smaller",
         "clock_skew" => "log all columns with one clock, or correct the times of one log by the skew that was found",
         "drift_time" | "drift_temperature" => {

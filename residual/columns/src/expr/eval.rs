@@ -222,6 +222,7 @@ impl Expr {
             Func::Charge => memory::lag(frame, x.into_owned(), positive(1)?, false),
             Func::Play => memory::play(frame, x.into_owned(), positive(1)? / 2.0),
             Func::Stop => memory::stop(frame, x.into_owned(), positive(1)? / 2.0),
+            Func::Slew => memory::slew(frame, x.into_owned(), positive(1)?),
             Func::Dahl => memory::dahl(frame, x.into_owned(), positive(1)?),
             Func::SeqMean => memory::sequence_mean(frame, x.into_owned()),
             // Functions of one row are evaluated without their rows.

@@ -46,6 +46,7 @@ functions! {
     Charge "charge" 2 "charge(x, tau): first-order lag, starting at zero";
     Play "play" 2 "play(x, w): backlash operator of total width w";
     Stop "stop" 2 "stop(x, w): elastic-plastic operator, x - play(x, w), between -w/2 and w/2";
+    Slew "slew" 2 "slew(x, r): x followed at no more than r per second, starting in equilibrium";
     Dahl "dahl" 2 "dahl(x, d): Dahl friction state between -1 and 1 with sliding distance d";
     SeqMean "seqmean" 1 "mean over the sequence";
 }

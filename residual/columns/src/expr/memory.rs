@@ -314,6 +314,20 @@ fn follow(play: f64, x: f64, half: f64) -> f64 {
     }
 }
 
+/// `x` followed at no more than `rate` per second, from the first value. Exact for an input that is
+/// a straight line between rows.
+pub(super) fn slew(frame: &Frame, v: Vec<f64>, rate: f64) -> Vec<f64> {
+    along(
+        frame,
+        v,
+        |x| (x, x),
+        |y, x, dt| {
+            *y = follow(x, *y, rate * dt);
+            *y
+        },
+    )
+}
+
 /// Dahl's friction state between -1 and 1 with sliding distance `d`.
 pub(super) fn dahl(frame: &Frame, v: Vec<f64>, d: f64) -> Vec<f64> {
     along(

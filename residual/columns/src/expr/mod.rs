@@ -169,6 +169,7 @@ mod tests {
         assert_eq!(eval("held(v, 0)"), [0., 1., 1., -1., -1., 0., 1.]);
         assert_eq!(eval("play(x, 2)"), [0., 0., 1., 1., 1., 5., 5.]);
         assert_eq!(eval("stop(x, 2) + play(x, 2) - x"), [0.; 7]);
+        assert_eq!(eval("slew(x, 0.4)"), [0., 0.4, 0.8, 1., 0.6, 5., 5.]);
         assert_eq!(eval("delay(x, 0.5)"), [0., 0.5, 1.5, 1.5, 0.5, 5., 5.]);
         assert_eq!(eval("integ(x)"), [0., 0.5, 2.0, 3.5, 4.0, 0., 5.]);
         assert_eq!(eval("deriv(x, 1)"), [1., 1., 0., -1., -1., 0., 0.]);

@@ -27,6 +27,7 @@ mod quadratic;
 mod quantisation;
 mod saturation;
 mod sensor_lag;
+mod slew_limit;
 mod stribeck;
 mod tone;
 mod viscous;
