@@ -50,7 +50,7 @@ impl Effect for AngleFriction {
         [form.psi.as_ref().is_some_and(|p| p.name == "middle"); 2]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
+        let (Some(direction), Some(x)) = (&ctx.direction, &ctx.position) else {
             return vec![];
         };
         let (Some(k), Some(angle)) = (radians(&ctx.position_unit()), in_radians(ctx)) else {
@@ -60,7 +60,7 @@ impl Effect for AngleFriction {
         if ctx.spec.roles.angle.is_none() || ctx.width(x) * k < WIDTHS[0] {
             return vec![];
         }
-        let sign = format!("sgn({v}, {})", ctx.deadband);
+        let sign = direction.sign();
         let ripple = with_a_ripple(ctx, "with a ripple", &sign, &angle, orders(ctx, &sign));
         WIDTHS
             .iter()

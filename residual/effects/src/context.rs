@@ -5,7 +5,7 @@ use residual_columns::expr::Expr;
 use residual_columns::linalg::dot;
 use residual_columns::stats;
 use residual_columns::units::radians;
-use residual_fit::problem::Problem;
+use residual_fit::problem::{Direction, Problem};
 use residual_log::spec::Spec;
 
 /// Largest factor for what a slope loses of an acceleration.
@@ -72,6 +72,9 @@ fn narrowest(second: f64, third: f64, half: f64) -> f64 {
     };
     1.0 + (least + slope * (ratio - smooth).min(steps - smooth)) * second
 }
+
+/// Half widths, in rows, of slopes of the angle that may show the direction of a motion.
+const SLOPES_OF_ANGLE: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
 
 /// Share of the difference between the slope of the angle and the velocity that is along the
 /// acceleration where the velocity is late.
@@ -143,6 +146,9 @@ pub struct Context<'a> {
     pub velocity: Option<String>,
     /// Standstill band of the velocity.
     pub deadband: f64,
+    /// What shows the direction of the motion, which dry friction follows: the velocity outside of
+    /// its deadband, or what shows more of slow motion; `None` without a velocity.
+    pub direction: Option<Direction>,
     /// Position expression (the angle role, or the integral of the velocity).
     pub position: Option<String>,
     /// Median step of time, s.
@@ -302,6 +308,20 @@ impl Context<'_> {
         (late > 0.1 * self.dt && sure).then_some(late)
     }
 
+    /// Slopes of the angle that may show the direction of motion within the deadband of the
+    /// velocity, each with three times its noise as the band of rest. None without both columns.
+    pub fn slopes_of_angle(&self) -> Vec<Direction> {
+        if self.spec.roles.angle.is_none() || self.deadband <= 0.0 {
+            return vec![];
+        }
+        let noise = white_noise(&self.values("angle"), 1);
+        let slope = |half: f64| Direction {
+            of: format!("deriv(angle, {half})"),
+            band: 3.0 * (noise / spread(half)).sqrt() / self.dt,
+        };
+        SLOPES_OF_ANGLE.map(slope).to_vec()
+    }
+
     /// Whether the rows are evenly spaced in time.
     pub fn is_even(&self) -> bool {
         let frame = &self.problem.frame;
@@ -315,18 +335,15 @@ impl Context<'_> {
 
     /// Whether enough of the fitted rows are at rest to show what friction does there.
     pub fn rests(&self) -> bool {
-        let Some(v) = &self.velocity else {
-            return false;
-        };
-        stats::mean(&self.values(&format!("sgn({v}, {}) == 0", self.deadband))) > 0.005
+        let at_rest = |d: &Direction| self.values(&format!("{} == 0", d.sign()));
+        let rests = self.direction.as_ref().map(at_rest);
+        rests.is_some_and(|rests| stats::mean(&rests) > 0.005)
     }
 
     /// Whether the motion has both directions: each in a hundredth of the rows that move.
     pub fn turns_round(&self) -> bool {
-        let Some(v) = &self.velocity else {
-            return false;
-        };
-        let signs = self.values(&format!("sgn({v}, {})", self.deadband));
+        let signs = self.direction.as_ref().map(|d| self.values(&d.sign()));
+        let signs = signs.unwrap_or_default();
         let share = |sign: f64| signs.iter().filter(|s| **s == sign).count() as f64;
         let (forth, back) = (share(1.0), share(-1.0));
         forth.min(back) >= 0.01 * (forth + back) && forth > 0.0

@@ -23,17 +23,9 @@ impl Effect for Coulomb {
         vec![Remedy::Friction((found.get)("friction"))]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let Some(v) = &ctx.velocity else {
-            return vec![];
-        };
-        vec![Variant::linear(
-            "sign of velocity",
-            vec![Piece::new(
-                "friction",
-                ctx.unit(),
-                format!("sgn({v}, {})", ctx.deadband),
-            )
-            .being(Nature::Friction)],
-        )]
+        let friction = |sign| Piece::new("friction", ctx.unit(), sign).being(Nature::Friction);
+        let form = |sign| Variant::linear("sign of velocity", vec![friction(sign)]);
+        let sign = ctx.direction.as_ref().map(|d| d.sign());
+        sign.map(form).into_iter().collect()
     }
 }

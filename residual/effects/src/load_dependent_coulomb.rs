@@ -72,10 +72,10 @@ impl Effect for LoadDependentCoulomb {
         })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let (Some(v), Some(_)) = (&ctx.velocity, ctx.range(&ctx.load)) else {
+        let (Some(direction), Some(_)) = (&ctx.direction, ctx.range(&ctx.load)) else {
             return vec![];
         };
-        let s = format!("sgn({v}, {})", ctx.deadband);
+        let s = direction.sign();
         let by = ctx.measure();
         let name = format!("friction{}", by.suffix);
         let share = Piece::new(name, by.unit, format!("{s} * {}", by.text));

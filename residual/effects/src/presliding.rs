@@ -5,6 +5,7 @@ use super::{
     Build, Context, Effect, EffectKind, Estimate, Form, Friction, Nature, Piece, Psi, Variant,
 };
 use residual_columns::stats;
+use residual_fit::problem::Direction;
 
 pub struct Presliding;
 
@@ -28,27 +29,27 @@ impl Effect for Presliding {
         [form.form == Form::ElasticTurn, false]
     }
     fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
-        let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
+        let (Some(v), Some(x), Some(d)) = (&ctx.velocity, &ctx.position, &ctx.direction) else {
             return vec![];
         };
-        let db = ctx.deadband;
+        let at_rest = held(d);
         match form.form {
             Form::ElasticTurn => vec![x.clone()],
             Form::MotionAndRest => vec![v.clone()],
             _ => vec![
                 // Rows in motion show other effects; they all lie at 0.
-                format!("(held({v}, {db}) - sgn({v}, {db})) * {}", ctx.load),
-                format!("(held({v}, {db}) - sgn({v}, {db}))"),
+                format!("{at_rest} * {}", ctx.load),
+                at_rest,
             ],
         }
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let (Some(velocity), Some(position)) = (&ctx.velocity, &ctx.position) else {
+        let (Some(direction), Some(position)) = (&ctx.direction, &ctx.position) else {
             return vec![];
         };
         let forms = Forms {
             ctx,
-            velocity,
+            direction,
             position,
             loaded: ctx.range(&ctx.load).is_some(),
         };
@@ -69,7 +70,7 @@ impl Effect for Presliding {
 /// What the forms are made from.
 struct Forms<'a> {
     ctx: &'a Context<'a>,
-    velocity: &'a str,
+    direction: &'a Direction,
     position: &'a str,
     /// Whether the load varies.
     loaded: bool,
@@ -78,8 +79,7 @@ struct Forms<'a> {
 impl Forms<'_> {
     /// The direction held at rest, 0 in motion, where other friction acts.
     fn held(&self) -> String {
-        let (v, db) = (self.velocity, self.ctx.deadband);
-        format!("(held({v}, {db}) - sgn({v}, {db}))")
+        held(self.direction)
     }
 
     /// A coefficient in the target's unit.
@@ -97,7 +97,7 @@ impl Forms<'_> {
         if self.ctx.friction {
             return None;
         }
-        let text = format!("held({}, {})", self.velocity, self.ctx.deadband);
+        let text = self.direction.held();
         let pieces = vec![self.constant("friction", text).being(Nature::Friction)];
         Some(Variant::linear("friction that stays at rest", pieces).form(Form::MotionAndRest))
     }
@@ -120,7 +120,7 @@ impl Forms<'_> {
 
     /// Friction at rest that turns before the next motion begins.
     fn turning(&self) -> Variant {
-        let (ctx, v, db) = (self.ctx, self.velocity.to_string(), self.ctx.deadband);
+        let (ctx, direction) = (self.ctx, self.direction.clone());
         let at_rest = vec![self
             .constant("held_friction", self.held())
             .being(Nature::Friction)];
@@ -130,7 +130,7 @@ impl Forms<'_> {
         }
         // Before the first motion of a run the direction of friction is unknown. Its mean is a
         // parameter of its own, so that other effects do not have to explain it.
-        let unknown = format!("(held({v}, {db}) == 0)");
+        let unknown = format!("({} == 0)", direction.held());
         let mut waiting = Vec::new();
         if stats::mean(&ctx.values(&unknown)) > 0.002 {
             waiting.push(
@@ -143,7 +143,7 @@ impl Forms<'_> {
         let psi = Psi::new("turning_time", "s", Context::log_grid(soonest, longest, 10));
         let label = "held, then turning before the next motion";
         Variant::profiled(label, psi, move |tau| {
-            let ahead = format!("ahead({v}, {db}, {tau})");
+            let ahead = format!("ahead({}, {}, {tau})", direction.of, direction.band);
             let mut p = at_rest.clone();
             p.push(Piece::new("turning_friction", unit.clone(), ahead.clone()));
             p.extend(held_per_load.clone());
@@ -165,11 +165,7 @@ impl Forms<'_> {
             self.ctx.position_unit(),
             Context::log_grid(2e-4 * (hi - lo), 0.018 * (hi - lo), 11),
         );
-        let (x, v, db) = (
-            self.position.to_string(),
-            self.velocity.to_string(),
-            self.ctx.deadband,
-        );
+        let (x, sign) = (self.position.to_string(), self.direction.sign());
         let (unit, by) = (self.ctx.unit().to_string(), self.ctx.measure());
         let (friction, loaded) = (self.ctx.friction, self.loaded);
         let build = move |d: f64| {
@@ -183,7 +179,7 @@ impl Forms<'_> {
                 ]);
             }
             // Friction is in the model already: only what differs from its jump is new.
-            let turn = format!("({state} - sgn({v}, {db}))");
+            let turn = format!("({state} - {sign})");
             let mut p = vec![Piece::new("turning_friction", unit.clone(), turn.clone())];
             if loaded {
                 p.push(per_load(&by, "turning_friction", &turn));
@@ -197,6 +193,11 @@ impl Forms<'_> {
         };
         Some(Variant::profiled(label, psi, build).form(Form::ElasticTurn))
     }
+}
+
+/// The direction held at rest, 0 in motion, where other friction acts.
+fn held(direction: &Direction) -> String {
+    format!("({} - {})", direction.held(), direction.sign())
 }
 
 /// A coefficient per unit of what friction grows with.

@@ -53,7 +53,7 @@ impl Effect for Stribeck {
             })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let Some(v) = ctx.velocity.clone() else {
+        let (Some(v), Some(direction)) = (ctx.velocity.clone(), &ctx.direction) else {
             return vec![];
         };
         let Some((_, fast)) = ctx.range(&format!("abs({v})")) else {
@@ -63,15 +63,14 @@ impl Effect for Stribeck {
         if !ctx.turns_round() {
             return vec![];
         }
-        let (unit, db) = (ctx.unit().to_string(), ctx.deadband);
-        let grid = Context::log_grid((0.01 * fast).max(1.5 * db), 0.6 * fast, 14);
-        let form = |label: &str, direction: &'static str, power: i32| {
+        let unit = ctx.unit().to_string();
+        let grid = Context::log_grid((0.01 * fast).max(1.5 * ctx.deadband), 0.6 * fast, 14);
+        let form = |label: &str, s: String, power: i32| {
             let (v, unit) = (v.clone(), unit.clone());
             Variant::profiled(
                 label,
                 Psi::new("stribeck_velocity", ctx.velocity_unit(), grid.clone()),
                 move |vs| {
-                    let s = format!("{direction}({v}, {db})");
                     Build::Add(vec![
                         Piece::new("sliding_friction", unit.clone(), s.clone())
                             .being(Nature::Friction),
@@ -85,11 +84,14 @@ impl Effect for Stribeck {
             )
             .adding_to_friction(1)
         };
-        let mut out = vec![form("gaussian", "sgn", 2), form("exponential", "sgn", 1)];
+        let mut out = vec![
+            form("gaussian", direction.sign(), 2),
+            form("exponential", direction.sign(), 1),
+        ];
         // The whole of it, at rest too: else its parts at rest and in motion have two names.
         if !ctx.friction && ctx.rests() {
-            out.push(form("gaussian, stays at rest", "held", 2));
-            out.push(form("exponential, stays at rest", "held", 1));
+            out.push(form("gaussian, stays at rest", direction.held(), 2));
+            out.push(form("exponential, stays at rest", direction.held(), 1));
         }
         out
     }

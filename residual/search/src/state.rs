@@ -92,9 +92,11 @@ impl<'a> Search<'a> {
         problem.derive(&Scan::derived(spec));
         let declared = fit_declared(&mut problem, spec)?;
         problem.unlimited = unlimited(&problem.stops, spec, data);
+        let load = declared::load_expression(&declared);
+        problem.direction = Scan::new(&problem, spec, &load, &declared).better_direction();
         let steps = stats::quantum(&problem.y).map_or(0.0, |q| q / 12f64.sqrt() / 4.0);
         Ok(Search {
-            load: declared::load_expression(&declared),
+            load,
             load_is_behind: false,
             thin: problem.thin(SCREEN_ROWS).map(|mut thin| {
                 thin.derive(&Scan::derived(spec));

@@ -83,6 +83,28 @@ fn kept_values<T: Copy>(kept: Option<&Ranges>, mut values: Vec<T>) -> Vec<T> {
     values
 }
 
+/// What shows the direction of a motion: the sign of an expression, and the band in which it has
+/// none, which is rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Direction {
+    /// The expression: a velocity, or a slope of the angle.
+    pub of: String,
+    /// Its band of rest.
+    pub band: f64,
+}
+
+impl Direction {
+    /// Its sign, 0 at rest, as an expression.
+    pub fn sign(&self) -> String {
+        format!("sgn({}, {})", self.of, self.band)
+    }
+
+    /// The last sign before a rest, as an expression.
+    pub fn held(&self) -> String {
+        format!("held({}, {})", self.of, self.band)
+    }
+}
+
 /// Kept rows with their hold-out structure.
 pub struct Problem {
     /// The table with all rows.
@@ -98,6 +120,9 @@ pub struct Problem {
     /// What the declared model, fitted where the target does not stop, predicts, as an expression;
     /// `None` where it stops nowhere.
     pub unlimited: Option<String>,
+    /// What shows the direction of slow motion that the deadband of the velocity hides; `None` where
+    /// the velocity shows it as well.
+    pub direction: Option<Direction>,
     /// Values per second of a target that was logged more often; `None` where each row is a value.
     pub values_per_s: Option<f64>,
     /// The blocks, in the order of their rows.
@@ -145,6 +170,7 @@ impl Problem {
             kept,
             stops: ends::stops(&y),
             unlimited: None,
+            direction: None,
             values_per_s: None,
             y,
             blocks: vec![],

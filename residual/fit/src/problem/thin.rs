@@ -59,6 +59,7 @@ impl Problem {
             ticker: self.ticker.clone(),
             stops: self.stops,
             unlimited: self.unlimited.clone(),
+            direction: self.direction.clone(),
             values_per_s: self.values_per_s,
             windows: true,
             ..Problem::new(

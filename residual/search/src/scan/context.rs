@@ -1,5 +1,6 @@
 //! What the effects know about the data and the current model.
 
+use super::direction::{direction_of, shown_by};
 use super::friction::{dry_friction, velocity_of};
 use super::Scan;
 use crate::model::WorkTerm;
@@ -129,9 +130,8 @@ impl<'a> Scan<'a> {
             .collect();
         columns.sort();
         columns.dedup();
-        let friction = velocity
-            .as_ref()
-            .is_some_and(|v| model.terms.iter().any(|t| dry_friction(t, v)));
+        let shown = shown_by(problem, spec);
+        let friction = model.terms.iter().any(|t| dry_friction(t, &shown));
         Context {
             problem,
             spec,
@@ -143,6 +143,7 @@ impl<'a> Scan<'a> {
             friction,
             velocity,
             deadband,
+            direction: direction_of(problem, spec),
             position,
             dt: frame.step(),
             span,

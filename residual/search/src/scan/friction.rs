@@ -1,6 +1,7 @@
 //! Which fitted values a form cannot have, and dry friction in a model: which terms are, and
 //! whether a form makes it larger as its name says.
 
+use super::direction::shown_by;
 use super::{Applied, Scan};
 use crate::model::WorkTerm;
 use residual_columns::expr::Expr;
@@ -18,31 +19,33 @@ pub(super) fn velocity_of(spec: &Spec) -> Option<String> {
     }
 }
 
-/// Whether an expression has the direction of a motion with velocity `v`.
-fn has_direction(expr: &Expr, v: &str) -> bool {
+/// Whether an expression has the direction of a motion, which one of `shown` shows.
+fn has_direction(expr: &Expr, shown: &[String]) -> bool {
     let text = expr.to_string();
-    ["sgn", "sign", "held", "tanh"]
-        .iter()
-        .any(|f| text.contains(&format!("{f}({v}")))
+    let any = |v: &String| {
+        let mut functions = ["sgn", "sign", "held", "tanh"].iter();
+        functions.any(|f| text.contains(&format!("{f}({v}")))
+    };
+    shown.iter().any(any)
 }
 
 /// Whether the expression of an effect is dry friction: it has the direction of the motion, and not
 /// as a part of all force.
-fn is_friction(expr: &Expr, v: &str) -> bool {
+fn is_friction(expr: &Expr, shown: &[String]) -> bool {
     let mut sum = false;
     expr.visit(&mut |e| {
         sum |= matches!(e, Expr::Binary("+" | "-", ..))
             && e.names().contains("command")
-            && has_direction(e, v);
+            && has_direction(e, shown);
     });
-    has_direction(expr, v) && !sum
+    has_direction(expr, shown) && !sum
 }
 
 /// Whether a term of the model is dry friction. A declared one may have the command beside it.
-pub(super) fn dry_friction(term: &WorkTerm, v: &str) -> bool {
+pub(super) fn dry_friction(term: &WorkTerm, shown: &[String]) -> bool {
     match term.chosen {
-        None => has_direction(&term.expr, v),
-        Some(_) => is_friction(&term.expr, v),
+        None => has_direction(&term.expr, shown),
+        Some(_) => is_friction(&term.expr, shown),
     }
 }
 
@@ -85,9 +88,13 @@ impl Scan<'_> {
     /// Coefficient of piece `own` in a fit `x`, and the products of the piece with the dry friction
     /// without it, and with itself. `None` where there is nothing to compare.
     fn beside_friction(&self, build: &Build, x: &[f64], own: usize) -> Option<(f64, f64, f64)> {
-        let (Build::Add(pieces), Some(v)) = (build, velocity_of(self.spec)) else {
+        let Build::Add(pieces) = build else {
             return None;
         };
+        let shown = shown_by(self.problem, self.spec);
+        if shown.is_empty() {
+            return None;
+        }
         let (refit, new) = x.split_at(self.fit.x.len());
         let value = |e: &Expr| self.problem.eval(&self.fit.view, e).ok();
         // Declared and found terms with what the fit adds to their coefficients, then the form's
@@ -104,7 +111,7 @@ impl Scan<'_> {
         };
         for t in self.model.terms.iter().filter(|t| !t.local) {
             let k = t.fixed.or_else(|| refit.next()).unwrap_or(0.0);
-            if dry_friction(t, &v) {
+            if dry_friction(t, &shown) {
                 add(&t.expr, k);
             }
         }
@@ -113,7 +120,7 @@ impl Scan<'_> {
             .filter_map(|p| Expr::parse(&p.text).ok())
             .collect();
         for (i, (e, k)) in parsed.iter().zip(new).enumerate() {
-            if i != own && is_friction(e, &v) {
+            if i != own && is_friction(e, &shown) {
                 add(e, *k);
             }
         }
@@ -129,7 +136,8 @@ mod tests {
 
     #[test]
     fn a_force_with_friction_in_it_is_no_friction() {
-        let of = |text: &str| is_friction(&Expr::parse(text).unwrap(), "velocity");
+        let shown = ["velocity".to_string()];
+        let of = |text: &str| is_friction(&Expr::parse(text).unwrap(), &shown);
         assert!(of("sgn(velocity, 0.01)"));
         assert!(of("sgn(velocity, 0.01) * abs(1.02 * command + 0.1)"));
         assert!(!of("velocity"));

@@ -7,6 +7,7 @@ mod between;
 mod candidate;
 mod context;
 mod contribution;
+mod direction;
 mod friction;
 mod grid;
 mod retest;
