@@ -6,7 +6,7 @@ use crate::model::{Chosen, Fitted};
 use residual_columns::error::Error;
 use residual_columns::expr::Expr;
 use residual_columns::stats;
-use residual_effects::Build;
+use residual_effects::{Build, EffectKind};
 use std::sync::Arc;
 
 /// Relative change of the load below which its old expression is kept.
@@ -18,9 +18,17 @@ fn contains(c: &Chosen, load: &str) -> bool {
 }
 
 /// Whether an effect puts another command in the place of the declared one.
-fn replaces_command(c: &Chosen) -> bool {
+pub(super) fn replaces_command(c: &Chosen) -> bool {
     let build = (c.variant.build)(c.psi);
     matches!(build, Build::Swap(_) | Build::SwapAll(_))
+}
+
+/// Whether a gain of the load is among the effects. It acts on what the target follows, so where an
+/// effect replaces the command its load is that behind the command. Both predict the same to first
+/// order, with a delay that differs by the error of gain.
+fn has_gain(chosen: &[Chosen], load: &str) -> bool {
+    let is_gain = |c: &Chosen| c.effect.kind() == EffectKind::Gain && contains(c, load);
+    chosen.iter().any(is_gain)
 }
 
 /// Another expression of the load, with the effects that depend on it.
@@ -49,10 +57,9 @@ impl Search<'_> {
         if !chosen.iter().any(|c| contains(c, &old)) {
             return Ok(out);
         }
-        for (place, load) in load_expressions(&self.declared, fitted)
-            .into_iter()
-            .enumerate()
-        {
+        let loads = load_expressions(&self.declared, fitted);
+        let before = usize::from(loads.len() > 1 && has_gain(chosen, &old));
+        for (place, load) in loads.into_iter().enumerate().skip(before) {
             let Some(size) = self.size_of(&load)? else {
                 continue;
             };
@@ -99,14 +106,18 @@ impl Search<'_> {
     }
 
     /// Expresses the load behind a command that an effect replaces, where the other effects then
-    /// predict better by what counts: a gain of a late load is as late.
+    /// predict better by what counts; beside a gain it is enough that they predict no worse.
     pub(super) fn load_behind(&mut self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
         let replaces = chosen.iter().any(replaces_command);
         if !replaces || !chosen.iter().any(|c| contains(c, &self.load)) {
             return Ok(());
         }
         let fitted = self.fit(chosen)?;
-        let most = fitted.rmse() * (1.0 - 0.5 * self.spec.selection.material);
+        let better = match has_gain(chosen, &self.load) {
+            true => 0.0,
+            false => 0.5 * self.spec.selection.material,
+        };
+        let most = fitted.rmse() * (1.0 - better);
         let mut renewed = self.renewed(&fitted, chosen)?;
         drop(fitted);
         renewed.retain(|new| new.behind);

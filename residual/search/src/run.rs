@@ -1,5 +1,6 @@
 //! The course of a search: rounds until nothing changes.
 
+use super::load::replaces_command;
 use super::outcome::same_forms;
 use super::{Outcome, Search, Standing};
 use crate::model::Chosen;
@@ -176,6 +177,12 @@ impl Search<'_> {
             if !self.polish_last(&mut chosen)? && !self.renews_load_after(&mut chosen)? {
                 break;
             }
+        }
+        // Beside the effect that is gone two may have made the command as late as one does.
+        let several = chosen.iter().filter(|c| replaces_command(c)).count() > 1;
+        if on && several && self.merge(&mut chosen, &mut ())? {
+            self.forward(&mut chosen, &mut ())?;
+            self.polish_last(&mut chosen)?;
         }
         let fitted = self.fit(&chosen)?;
         let last = self.step(&fitted)?;
