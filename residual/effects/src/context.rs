@@ -76,6 +76,10 @@ fn narrowest(second: f64, third: f64, half: f64) -> f64 {
 /// Half widths, in rows, of slopes of the angle that may show the direction of a motion.
 const SLOPES_OF_ANGLE: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
 
+/// Bands of rest of such a slope over the deadband of the velocity. A slope over three rows is a
+/// quarter of that of the next row where a motion sets out evenly: one of these lies between.
+const NARROWER: [f64; 5] = [1.0 / 32.0, 1.0 / 16.0, 1.0 / 8.0, 1.0 / 4.0, 1.0 / 2.0];
+
 /// Share of the difference between the slope of the angle and the velocity that is along the
 /// acceleration where the velocity is late.
 const SURELY_LATE: f64 = 0.05;
@@ -309,17 +313,24 @@ impl Context<'_> {
     }
 
     /// Slopes of the angle that may show the direction of motion within the deadband of the
-    /// velocity, each with three times its noise as the band of rest. None without both columns.
+    /// velocity, each with bands of rest from three times its noise on. None without both columns.
+    ///
+    /// A slope is under way before the motion is, by half its rows: a wider band takes that out.
     pub fn slopes_of_angle(&self) -> Vec<Direction> {
         if self.spec.roles.angle.is_none() || self.deadband <= 0.0 {
             return vec![];
         }
         let noise = white_noise(&self.values("angle"), 1);
-        let slope = |half: f64| Direction {
-            of: format!("deriv(angle, {half})"),
-            band: 3.0 * (noise / spread(half)).sqrt() / self.dt,
+        let slope = |half: f64| {
+            let least = 3.0 * (noise / spread(half)).sqrt() / self.dt;
+            let wider = NARROWER.map(|share| share * self.deadband);
+            let bands = std::iter::once(least).chain(wider.into_iter().filter(move |b| *b > least));
+            bands.map(move |band| Direction {
+                of: format!("deriv(angle, {half})"),
+                band,
+            })
         };
-        SLOPES_OF_ANGLE.map(slope).to_vec()
+        SLOPES_OF_ANGLE.into_iter().flat_map(slope).collect()
     }
 
     /// Whether the rows are evenly spaced in time.
