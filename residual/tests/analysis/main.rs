@@ -9,6 +9,7 @@ mod left_over;
 mod load;
 mod nameless;
 mod noise;
+mod other_laws;
 mod page;
 mod per_sequence;
 mod pictures;

@@ -1,6 +1,7 @@
 //! Effects with what decides on their names.
 
 use super::contradiction::{contradictions, inertia_of_a_lag, slope_of_another_width};
+use super::free_curve::names_of_another_law;
 use super::images::{images_by_stamps, images_of_a_tone};
 use super::one_sequence::in_one_sequence;
 use super::over_the_angle::shapes_of_the_angle;
@@ -48,6 +49,9 @@ impl Assessment {
             let forms = Forms::new(search, &now.outcome.fitted)?;
             let (outcome, weights) = (&now.outcome, &now.weights);
             now.why = reasons(search, outcome, weights, &now.parameters, &forms, check)?;
+            if now.why.iter().all(Option::is_none) {
+                names_of_another_law(&mut now.why, search, outcome)?;
+            }
             now.forms = Some(forms);
         }
         Ok(now)

@@ -6,6 +6,8 @@
 //! * its parameters are possible ([`Effect::impossible`](residual_effects::Effect::impossible)),
 //!   and do not contradict those of another effect;
 //! * it does not, with others, take the shape of any curve over the angle;
+//! * it is the law of what it explains: no free form that contains it predicts better, and no curve
+//!   with as few parameters does as well as its sum with others;
 //! * it does not act in one sequence alone;
 //! * it is worth something beside the other found effects alone;
 //! * on data that the search has not seen, where there are such data, the model is better with it
@@ -16,6 +18,7 @@
 mod assessment;
 mod contradiction;
 mod equal;
+mod free_curve;
 mod images;
 mod one_sequence;
 mod order;

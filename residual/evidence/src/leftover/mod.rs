@@ -4,7 +4,7 @@
 //! they show that something is left. An effect that fits in too few places counts as left too, and
 //! so does switching between levels.
 
-mod nameless;
+pub(crate) mod nameless;
 mod structure;
 
 pub use nameless::Nameless;

@@ -2,7 +2,7 @@
 //! inputs.
 
 use residual_columns::stats;
-use residual_effects::{Context, Piece, Variant};
+use residual_effects::{Build, Context, Piece, Psi, Variant};
 use residual_search::scan::{Offer, Origin};
 use std::sync::Arc;
 
@@ -12,6 +12,24 @@ const KNOTS_WITH_SIGN: usize = 4;
 
 /// Knots of a fine curve in the load, which shows six periods over its range.
 const FINE_KNOTS: usize = 23;
+
+/// Times after a start over which friction may change.
+const STARTS_S: [f64; 4] = [0.1, 0.3, 1.0, 3.0];
+
+/// Quantiles of the rate of the load at which it may be limited.
+const LIMITS: [f64; 4] = [0.0, 0.5, 0.75, 0.9];
+
+/// Rows over which histories reach.
+const LATER_ROWS: [f64; 3] = [3.0, 12.0, 50.0];
+
+/// Values of the nonlinear parameter of a law: a refinement follows.
+const PLACES: usize = 15;
+
+/// Least and greatest power of a law.
+const POWERS: [f64; 2] = [0.2, 5.0];
+
+/// Widths of a bump, over half of the range of its variable.
+const WIDTHS_OF_A_BUMP: [f64; 4] = [0.12, 0.25, 0.5, 1.0];
 
 /// A variable that nameless structure can depend on, in the order in which a plot prefers them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -39,11 +57,21 @@ pub struct Nameless {
     /// What it depends on, for readers.
     pub depends_on: String,
     variables: Vec<Variable>,
+    /// Whether it is a law that may act beside another one, as what friction has after a start.
+    pub acts_beside: bool,
 }
 
 impl Origin for Nameless {}
 
 impl Nameless {
+    /// The one variable of a curve; `None` for a form with two, or with none.
+    pub fn curve_over(&self) -> Option<&str> {
+        match &self.variables[..] {
+            [only] => Some(&only.expression),
+            _ => None,
+        }
+    }
+
     /// Expression to plot the residual against; `None` for the load, which also stands in for
     /// variables that show nothing by themselves.
     pub fn against(&self) -> Option<&str> {
@@ -63,9 +91,135 @@ pub fn offers(ctx: &Context) -> Vec<Offer<Nameless>> {
     curves(ctx, &variables, &mut out);
     products(ctx, &variables, &mut out);
     with_sign(ctx, &variables, &mut out);
+    friction(ctx, &variables, &mut out);
     histories(ctx, &variables, &mut out);
     speeds(ctx, &variables, &mut out);
+    rates(ctx, &mut out);
     out
+}
+
+/// A curve in the speed at which the load changes: what follows a command may be limited in it.
+fn rates(ctx: &Context, out: &mut Vec<Offer<Nameless>>) {
+    let rate = Variable {
+        axis: Axis::Load,
+        name: "the rate of the load".into(),
+        expression: format!("deriv({}, 2)", ctx.load),
+    };
+    if ctx.range(&rate.expression).is_some() {
+        let e = &rate.expression;
+        let name = "a curve in the rate of the load";
+        out.push(form(name.into(), &[&rate], hinges(ctx, e, KNOTS)));
+        let mut sizes = ctx.values(&format!("abs({e})"));
+        sizes.sort_by(f64::total_cmp);
+        // What a limit keeps back comes later.
+        let kept_back = LIMITS.iter().flat_map(|share| {
+            let limit = stats::quantile_sorted(&sizes, *share);
+            LATER_ROWS.map(|rows| {
+                let tau = rows * ctx.dt;
+                format!("lowpass({e} - clip({e}, -{limit}, {limit}), {tau})")
+            })
+        });
+        let name = "the slow history of the rate of the load";
+        out.push(form(name.into(), &[&rate], kept_back.collect()));
+    }
+}
+
+/// Friction as a curve over the speed: it jumps where the direction changes.
+fn friction(ctx: &Context, variables: &[Variable], out: &mut Vec<Offer<Nameless>>) {
+    for v in variables.iter().filter(|v| v.axis == Axis::Velocity) {
+        let s = format!("sgn({}, {})", v.expression, ctx.deadband);
+        let speed = format!("abs({})", v.expression);
+        let curve = hinges(ctx, &speed, KNOTS);
+        let signed = curve.into_iter().map(|h| format!("{s} * {h}"));
+        let texts = std::iter::once(s.clone()).chain(signed).collect();
+        out.push(form("a curve of friction in velocity".into(), &[v], texts));
+        // What a friction is after a start: the longer the motion lasts, the nearer to 1.
+        let moving = format!("abs({s})");
+        let texts = STARTS_S
+            .iter()
+            .map(|tau| format!("{s} * lowpass({moving}, {tau})"));
+        let texts = std::iter::once(s.clone()).chain(texts).collect();
+        let name = "the time since the motion began, with its direction";
+        let mut start = form(name.into(), &[v], texts);
+        start.origin.acts_beside = true;
+        out.push(start);
+    }
+}
+
+/// Curves with few parameters in one variable, the laws that a sum of effects may imitate: powers,
+/// stops, gaps, bumps.
+pub fn laws(ctx: &Context, e: &str) -> Vec<Offer<Nameless>> {
+    let mut values = ctx.values(e);
+    values.sort_by(f64::total_cmp);
+    let Some((low, high)) = ctx.range(e) else {
+        return vec![];
+    };
+    let at = |share: f64| stats::quantile_sorted(&values, share);
+    let (half, farthest) = (0.5 * (high - low), low.abs().max(high.abs()));
+    let (u, x) = (unit(ctx, e), format!("(({e}) / {half})"));
+    let shares = |most: f64| (1..=PLACES).map(move |k| most * k as f64 / (PLACES + 1) as f64);
+    let places: Vec<f64> = shares(1.0).map(at).collect();
+    let gaps: Vec<f64> = shares(farthest).collect();
+    let mut out = Vec::new();
+    for degree in 2..=5 {
+        let powers = (1..=degree).map(|n| format!("{u}^{n}")).collect();
+        out.push(law("a polynomial", vec![], powers));
+    }
+    let mut add = |what: &str, grid: &[f64], texts: &[String]| {
+        out.push(law(what, grid.to_vec(), texts.to_vec()));
+    };
+    add("a square", &[], &[format!("{x}^2")]);
+    add("a cube", &[], &[format!("{x}^3")]);
+    add("a line with a cube", &[], &[x.clone(), format!("{x}^3")]);
+    add("a root", &[], &[format!("sqrt(max(0, {e} - {}))", at(0.0))]);
+    let (above, below) = (format!("max(0, {e} - (#))"), format!("max(0, (#) - ({e}))"));
+    let outside = format!("min(0, {e} + #)");
+    add("a stop", &places, std::slice::from_ref(&above));
+    add("a stop", &places, &[below]);
+    add("a bend", &places, &[x.clone(), above.clone()]);
+    add(
+        "a line with a gap",
+        &gaps,
+        &[format!("{e} - clip({e}, -#, #)")],
+    );
+    add("two lines with a gap", &gaps, &[above, outside]);
+    add(
+        "a line that levels off",
+        &gaps,
+        &[format!("tanh(({e}) / #)")],
+    );
+    let powers = Context::log_grid(POWERS[0], POWERS[1], PLACES);
+    add("a power", &powers, &[format!("sign({e}) * abs({x})^#")]);
+    for width in WIDTHS_OF_A_BUMP.map(|share| share * half) {
+        let bump = format!("exp(-(({e} - (#)) / {width})^2)");
+        add("a bump", &places, &[bump]);
+    }
+    out
+}
+
+/// A law from its terms, in which `#` stands for the nonlinear parameter, and the values of that;
+/// without any it has none.
+fn law(what: &str, grid: Vec<f64>, texts: Vec<String>) -> Offer<Nameless> {
+    let pieces = move |psi: f64| -> Vec<Piece> {
+        let at = |text: &String| text.replace("#", &psi.to_string());
+        let named = texts.iter().enumerate();
+        named
+            .map(|(i, t)| Piece::new(format!("shape_{i}"), "", at(t)))
+            .collect()
+    };
+    Offer {
+        origin: Nameless {
+            depends_on: what.into(),
+            variables: vec![],
+            acts_beside: false,
+        },
+        variant: Arc::new(match grid.is_empty() {
+            true => Variant::linear("", pieces(0.0)),
+            false => Variant::profiled("", Psi::new("shape", "", grid), move |psi| {
+                Build::Add(pieces(psi))
+            }),
+        }),
+    }
 }
 
 /// Forms whose coefficient each sequence has for itself: what differs from log to log, and no
@@ -83,6 +237,7 @@ pub fn by_sequence(ctx: &Context) -> Vec<Offer<Nameless>> {
             origin: Nameless {
                 depends_on: format!("which sequence it is: its {name} is its own"),
                 variables: vec![],
+                acts_beside: true,
             },
             variant: Arc::new(Variant::by_sequence(vec![Piece::new(name, "", text)])),
         })
@@ -132,6 +287,7 @@ fn form(depends_on: String, variables: &[&Variable], texts: Vec<String>) -> Offe
         origin: Nameless {
             depends_on,
             variables: variables.iter().map(|v| (*v).clone()).collect(),
+            acts_beside: false,
         },
         variant: Arc::new(Variant::linear("", pieces)),
     }
@@ -225,7 +381,7 @@ fn histories(ctx: &Context, variables: &[Variable], out: &mut Vec<Offer<Nameless
             .collect();
         out.push(form(format!("the history of {}", v.name), &[v], texts));
         let r = unit(ctx, e);
-        let texts = [3.0, 12.0, 50.0].iter().flat_map(|k| {
+        let texts = LATER_ROWS.iter().flat_map(|k| {
             let l = format!("lowpass({r}, {})", k * ctx.dt);
             [l.clone(), format!("{l}^2"), format!("{l} * {r}")]
         });

@@ -322,8 +322,9 @@ impl<'a> Scan<'a> {
         out
     }
 
-    /// Held-out squared error by block of the current model.
-    fn base_losses(&self, local: bool) -> Vec<f64> {
+    /// Held-out squared error by block of the current model; for forms that are `local` to
+    /// sequences that of its residual.
+    pub fn base_losses(&self, local: bool) -> Vec<f64> {
         let sums = &self.fit.sums;
         if local {
             return sums.yy.iter().map(|y| y[0]).collect();
