@@ -188,7 +188,10 @@ pub(super) fn names_of_another_law(
     let mut most: Option<(f64, Vec<usize>, String)> = None;
     for (offer, names) in used() {
         let without = rows.without(chosen, names)?;
-        let share = match offer.origin.acts_beside {
+        // Dry friction is a model of what surfaces do: no real one follows it to a few hundredths.
+        let dry = |i: &usize| chosen[*i].effect.friction().is_some();
+        let is_dry = names.iter().any(dry);
+        let share = match offer.origin.acts_beside || is_dry {
             true => STAND_IN,
             false => LACK,
         };
@@ -200,7 +203,7 @@ pub(super) fn names_of_another_law(
         let as_much = |(with, _): &&(Fitted, _)| held - with.squares() > STANDS_FOR * fall;
         let another = with_further.as_ref().filter(|_| lacks).filter(as_much);
         let law = match curve {
-            Some(over) if names.len() > 1 || another.is_some() => {
+            Some(over) if !is_dry && (names.len() > 1 || another.is_some()) => {
                 let own: usize = names.iter().map(|i| chosen[*i].parameters()).sum();
                 let own = own + another.map_or(0, |(_, c)| c.parameters);
                 let with = another.map_or(&all, |(with, _)| with);
