@@ -169,6 +169,12 @@ pub(super) fn names_of_another_law(
     if chosen.is_empty() || search.is_rounding(outcome.fitted.squares()) {
         return Ok(());
     }
+    // Where the model file offers these names alone, it says what it is.
+    let only = &search.spec.selection.only;
+    let is_chosen = |name: &String| chosen.iter().any(|c| c.effect.name() == name);
+    if !only.is_empty() && only.iter().all(is_chosen) {
+        return Ok(());
+    }
     let rows = Rows::new(search);
     let all = rows.fit(chosen)?;
     let held = all.squares();
