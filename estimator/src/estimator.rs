@@ -19,9 +19,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Layout of the file. Another one is refused, but see `KEPT`.
-pub const SCHEMA: u32 = 2;
-/// An older layout, in which models without the physical one are the same.
-const KEPT: u32 = 1;
+pub const SCHEMA: u32 = 3;
+/// Older layouts, in which models without the physical one are the same.
+const KEPT: core::ops::RangeInclusive<u32> = 1..=2;
 
 /// What a training needs beside its rows.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,6 +67,9 @@ pub struct Recalibration {
     pub before_n: f64,
     /// The same after it.
     pub after_n: f64,
+    /// Mean half width of the interval in this log before it and after it, N; `None`: the model has
+    /// no intervals.
+    pub half_widths_n: Option<[f64; 2]>,
     /// What has changed, by motor.
     pub changes: [Change; 3],
     /// A constant force on the tool that explains what the changes do not, N; `None`: it shows
@@ -330,16 +333,17 @@ impl Estimator {
     /// The model has no torque balance, the log does not tell the state of the friction, or its
     /// changes are none of a robot.
     pub fn recalibrate(&mut self, free: &[&Sequence]) -> Result<Recalibration, ModelError> {
-        let before_n = self.rms_n(free);
+        let (before_n, half_before) = self.without_force(free);
         let (changes, force_n) = match &mut self.model {
             Body::Physics(physics) => physics.recalibrate(free)?,
             Body::Boosted(boosted) => boosted.recalibrate(free)?,
             _ => return Err(ModelError::Data(NO_BALANCE.to_owned())),
         };
-        let after_n = self.rms_n(free);
+        let (after_n, half_after) = self.without_force(free);
         Ok(Recalibration {
             before_n,
             after_n,
+            half_widths_n: half_before.zip(half_after).map(<[f64; 2]>::from),
             changes,
             force_n,
         })
@@ -357,21 +361,24 @@ impl Estimator {
         }
     }
 
-    /// RMS of the valid estimates, N.
-    fn rms_n(&self, sequences: &[&Sequence]) -> f64 {
+    /// RMS of the valid estimates and mean half width of their intervals, N.
+    fn without_force(&self, sequences: &[&Sequence]) -> (f64, Option<f64>) {
         let mut stream = Stream::new(self);
-        let (mut square, mut rows) = (0.0, 0_usize);
+        let (mut square, mut half, mut rows) = (0.0, Some(0.0), 0_usize);
         for sequence in sequences {
             stream.reset();
             for k in 0..sequence.rows() {
-                if stream.step(sequence.input_row(k)).valid {
+                let sure = stream.step(sequence.input_row(k));
+                if sure.valid {
                     let force = stream.force().iter();
                     square += force.map(|f| f64::from(*f).powi(2)).sum::<f64>();
+                    half = half.zip(sure.half_n).map(|(sum, half)| sum + half);
                     rows += 1;
                 }
             }
         }
-        (square / rows.max(1) as f64).sqrt()
+        let rows = rows.max(1) as f64;
+        ((square / rows).sqrt(), half.map(|half| half / rows))
     }
 
     /// The intervals that hold now: a recalibration has told what has changed of the robot, or none
@@ -514,7 +521,7 @@ impl Estimator {
         let physical = [Kind::Physics, Kind::Trees, Kind::Hybrid]
             .iter()
             .any(|k| k.name() == kind);
-        if schema != SCHEMA && (schema != KEPT || physical) {
+        if schema != SCHEMA && (physical || !KEPT.contains(&schema)) {
             return Err(ModelError::Stored(format!(
                 "the model file has layout {schema}, this program reads layout {SCHEMA}: train the model again"
             )));

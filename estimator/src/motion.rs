@@ -211,6 +211,8 @@ pub struct Moment {
     pub unknown: [f64; PLACES],
     /// Time since the last start or gap, s.
     pub age_s: f64,
+    /// Size of the force across the tool's shaft, N: see [`Motion::lateral`].
+    pub lateral_n: f64,
 }
 
 // By hand: the standard library has no default of so many stop operators.
@@ -232,6 +234,7 @@ impl Default for Moment {
             travel_change: [[0.0; 3]; 2],
             unknown: [1.0; PLACES],
             age_s: 0.0,
+            lateral_n: 0.0,
         }
     }
 }
@@ -416,6 +419,12 @@ impl Motion {
         } else if self.rows > 0 && elapsed_s > self.step_s {
             self.gap_s = Some(elapsed_s);
         }
+    }
+
+    /// What is known of the size of the force across the tool's shaft at the next row, N. Motion and
+    /// torque do not tell it.
+    pub const fn lateral(&mut self, lateral_n: f64) {
+        self.moment.lateral_n = lateral_n;
     }
 
     /// Takes a row of [`INPUTS`] values: rad, rad, m; per second; N·m, N·m, N.

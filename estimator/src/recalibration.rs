@@ -43,10 +43,11 @@ const DRIFT: f64 = 0.003;
 /// The same of friction that was found above that of training, share of what is above: a cold arm
 /// may warm. A warming of 600 s takes 0.2 of it (RMS over the three minutes after the minute).
 const COLD: f64 = 0.2;
-/// Square of rate and curvature of an offset, per noise of the minute, above which it comes and
-/// goes. On seeds 11 to 13 it was at most 21 at the elbow without a drag, at most 38 at the
-/// shoulder, where it harms little, and 41 at least with a drag of 0.2 N·m.
-const WANDERS: f64 = 30.0;
+/// Square of rate and curvature of an offset, per noise of the minute and the time in which errors
+/// are alike, above which it comes and goes. On seeds 11 to 13 it was at most 9 at the elbow and 14
+/// at the shoulder without a drag, 6 at a quarter of the speed, and 42 at least with a drag of 0.2
+/// N·m. By the noise alone it was up to 41 at a quarter of the speed.
+const WANDERS: f64 = 20.0;
 /// Standard deviation of a force on the tool that was not measured, N. Estimate.
 const FORCE_N: f64 = 2.0;
 /// Logarithm of the odds from which there is one, chosen on the virtual arm's seeds 11 to 13 above
@@ -213,7 +214,7 @@ impl Free {
         }
         let mut wander = [0.0; 3];
         for (i, wander) in wander.iter_mut().enumerate() {
-            *wander = self.wander(i, &fits, usual[i]);
+            *wander = self.wander(i, &fits, usual[i], alike);
         }
         let mut motors = Vec::with_capacity(3);
         for i in 0..3 {
@@ -289,13 +290,13 @@ impl Free {
     }
 
     /// Size of a torque at joint `i` that comes and goes, per Coulomb friction of its motor; 0:
-    /// none. `usual`: as in [`Self::found`].
-    fn wander(&self, i: usize, fits: &[WithTime], usual: f64) -> f64 {
+    /// none. `usual`, `alike`: as in [`Self::found`].
+    fn wander(&self, i: usize, fits: &[WithTime], usual: f64, alike: [f64; 3]) -> f64 {
         let (mut moves, mut spread) = (SVector::<f64, 2>::zeros(), SMatrix::<f64, 2, 2>::zeros());
         // The torque at a joint is that of its motor and what the later motors' cables add.
         for (k, fit) in fits.iter().enumerate().skip(i) {
             moves += fit.moves * COUPLING[k][i];
-            spread += fit.spread * COUPLING[k][i].powi(2);
+            spread += fit.spread * (alike[k] * COUPLING[k][i].powi(2));
         }
         let far = spread
             .try_inverse()

@@ -285,6 +285,12 @@ impl Ridge {
     pub fn targets(&self) -> usize {
         self.intercept.len()
     }
+
+    /// Whether it is whole and has so many targets: one that was read may be neither.
+    #[must_use]
+    pub fn fits(&self, targets: usize) -> bool {
+        self.targets() == targets && self.weights.len() == targets * self.regressors
+    }
 }
 
 #[cfg(test)]

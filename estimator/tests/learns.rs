@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::{changed, paced, trial};
-use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
+use common::{changed, paced, trial, under};
+use estimator::estimator::{Estimator, Kind, NetworkLimits, Training, SCHEMA};
 use estimator::geometry::Base;
 use estimator::metrics::{compare, figures};
 use estimator::model::Progress;
@@ -425,15 +425,64 @@ fn refusals_say_what_to_do() {
         .to_string();
     assert!(error.contains("layout 99"), "{error}");
     assert!(Estimator::from_json("no json").is_err());
-    // The physical model had fewer regressors in layout 1; a model without it is the same.
-    let older = |kind: Kind| {
+    // The physical model had fewer regressors in older layouts; a model without it is the same.
+    let older = |kind: Kind, layout: u32| {
         let text = train(kind).to_json().unwrap();
-        Estimator::from_json(&text.replace("\"schema\":2", "\"schema\":1"))
+        let now = format!("\"schema\":{SCHEMA}");
+        assert!(text.contains(&now));
+        Estimator::from_json(&text.replace(&now, &format!("\"schema\":{layout}")))
     };
-    let error = older(Kind::Physics).unwrap_err().to_string();
-    assert!(
-        error.contains("layout 1") && error.contains("train the model again"),
-        "{error}"
-    );
-    assert!(older(Kind::Linear).is_ok());
+    for layout in 1..SCHEMA {
+        let error = older(Kind::Physics, layout).unwrap_err().to_string();
+        let told = format!("layout {layout}");
+        assert!(
+            error.contains(&told) && error.contains("train the model again"),
+            "{error}"
+        );
+        assert!(older(Kind::Linear, layout).is_ok());
+    }
+    // A file that says it is of this layout and has the balances of another.
+    let mut file: serde_json::Value =
+        serde_json::from_str(&train(Kind::Physics).to_json().unwrap()).unwrap();
+    let motor = &mut file["model"]["physics"]["motors"][1];
+    motor["weights"].as_array_mut().unwrap().pop();
+    let error = Estimator::from_json(&file.to_string()).unwrap_err();
+    let told = "the balances have other coefficients than this program's";
+    assert!(error.to_string().contains(told), "{error}");
+}
+
+/// The tool rubs in its guide as hard as the force across it presses. A model of three components
+/// whose training has such a force all the time took that for the friction of the insertion: on
+/// free motion its error along z was 1.8 times as large as under force, and the first thing that a
+/// recalibration found.
+#[test]
+fn a_training_that_is_never_without_a_force_knows_free_motion() {
+    let way = |t: f64, phase: f64| {
+        2.5 * libm::sin(0.21 * t + phase) + 1.5 * libm::sin(0.083 * t + 2.0 * phase)
+    };
+    let all_ways = |phase: f64| move |t: f64| [0.0, 1.7, 3.1].map(|of| 0.8 * way(t, phase + of));
+    let still = ChangeConfig::default();
+    let trials: Vec<Sequence> = (1..=4)
+        .map(|trial| under(7, trial, 150.0, still, 1.0, all_ways(trial as f64)))
+        .collect();
+    let rows: Vec<&Sequence> = trials.iter().collect();
+    let axes = vec![0, 1, 2];
+    let training = Training {
+        axes,
+        ..training(Kind::Physics)
+    };
+    let model = Estimator::train(&training, &rows, &mut |_| {}).unwrap();
+    let rms_z = |sequence: &Sequence| {
+        let predicted = model.model().predict(sequence);
+        let (mut square, mut count) = (0.0, 0.0);
+        for k in 500..sequence.rows() {
+            let error = f64::from(predicted[3 * k + 2] - sequence.target_row(k)[2]);
+            (square, count) = (square + error * error, count + 1.0);
+        }
+        f64::sqrt(square / count)
+    };
+    let loaded = rms_z(&under(7, 9, 60.0, still, 1.0, all_ways(9.0)));
+    let free = rms_z(&under(7, 9, 60.0, still, 1.0, |_| [0.0; 3]));
+    println!("along z: {loaded:.3} N RMS under force, {free:.3} N free");
+    assert!(free < 1.3 * loaded, "{free} {loaded}");
 }

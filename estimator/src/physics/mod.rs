@@ -39,7 +39,8 @@ use crate::sequence::Sequence;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use robot::kinematics::TRANSMISSION;
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// Rows at the start of a sequence that no fit uses, s: the stop operators do not yet know their
 /// state.
@@ -55,7 +56,7 @@ const MIDDLE: usize = 2;
 const GRAVITY: usize = 14;
 /// Regressors of a motor.
 pub const REGRESSORS: usize =
-    GRAVITY + 3 + 3 + 3 + 1 + 2 * STOPS + 6 + 3 + 3 + 16 + LEVELS * SHARES.len();
+    GRAVITY + 3 + 3 + 3 + 1 + 2 * STOPS + 6 + 3 + 3 + 16 + LEVELS * SHARES.len() + 2;
 /// Places of the regressors that are friction with a direction: not the rates of the stops, which
 /// are damping, nor loads without one.
 const FRICTION: [[usize; 2]; 3] = {
@@ -99,6 +100,7 @@ const MANY: usize = 12;
 pub struct Physics {
     step_s: f64,
     base: Base,
+    #[serde(deserialize_with = "balances")]
     motors: [Ridge; 3],
     /// Coulomb friction that each motor feels, its own and that of the links: N·m, N·m, N.
     coulomb: [f64; 3],
@@ -120,6 +122,18 @@ pub struct Physics {
     /// What a recalibration has found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     found: Option<Found>,
+}
+
+/// Reads the balances of a model file.
+fn balances<'de, D: Deserializer<'de>>(file: D) -> Result<[Ridge; 3], D::Error> {
+    let motors = <[Ridge; 3]>::deserialize(file)?;
+    let known = |motor: &Ridge| motor.regressors() == REGRESSORS && motor.fits(1);
+    if motors.iter().all(known) {
+        return Ok(motors);
+    }
+    Err(D::Error::custom(format!(
+        "the balances have other coefficients than this program's {REGRESSORS}: train the model again"
+    )))
 }
 
 /// How a motor differed between pieces of the training.
@@ -221,6 +235,9 @@ pub fn regressors(m: &Moment, i: usize, coulomb: f64, row: &mut Vec<f64>) {
         let load = (m.torque[i] - share * coulomb * direction).abs();
         row.extend((0..LEVELS).map(|level| m.motor_stop(i, level) * load));
     }
+    // The tool's shaft rubs in its guide as hard as the force across it presses: link 3, without and
+    // with the stretch of the cables.
+    row.extend([1, 3].map(|link| m.link_stop(link, MIDDLE) * m.lateral_n));
 }
 
 /// Rows that fits and figures leave out at the start of a sequence: [`SETTLE_S`].
@@ -231,6 +248,10 @@ pub fn settle_rows(step_s: f64) -> usize {
 
 fn force_of(target: &[f32]) -> Vector3<f64> {
     Vector3::from_fn(|k, _| target.get(k).map_or(0.0, |v| f64::from(*v)))
+}
+
+fn joints_of(input: &[f32]) -> [f64; 3] {
+    core::array::from_fn(|i| f64::from(input[i]))
 }
 
 /// Visits every settled row of the sequences, one thread a sequence: state, levers, filtered force.
@@ -250,8 +271,11 @@ fn visit<T: Send>(
             let mut filters = [LowPass::new(FILTER_S, sequence.step_s); 3];
             let settle = settle_rows(sequence.step_s);
             for k in 0..sequence.rows() {
-                let moment = motion.step(sequence.input_row(k));
-                let contact = base.at_motors(moment.joints) * force_of(sequence.target_row(k));
+                let input = sequence.input_row(k);
+                let force = force_of(sequence.target_row(k));
+                motion.lateral(base.lateral_n(joints_of(input), &force));
+                let moment = motion.step(input);
+                let contact = base.at_motors(moment.joints) * force;
                 let contact = Vector3::from_fn(|i, _| filters[i].step(contact[i]));
                 if k >= settle {
                     row(&mut out, moment, &contact);
@@ -663,10 +687,15 @@ impl Physics {
             // The contact is filtered as the torque is, or the balance would mix two times.
             let mut filters = [LowPass::new(FILTER_S, sequence.step_s); 3];
             for k in 0..sequence.rows() {
-                let (moment, seen) = observer.take(sequence.input_row(k));
+                let force = if measured {
+                    force_of(sequence.target_row(k))
+                } else {
+                    Vector3::zeros()
+                };
+                let (moment, seen) = observer.take_with(sequence.input_row(k), Some(&force));
                 let mut lacking = seen.contact;
                 if measured {
-                    let contact = seen.levers * force_of(sequence.target_row(k));
+                    let contact = seen.levers * force;
                     for (i, lacking) in lacking.iter_mut().enumerate() {
                         *lacking -= filters[i].step(contact[i]);
                     }
@@ -697,9 +726,9 @@ impl Physics {
         let mut filters = [LowPass::new(FILTER_S, sequence.step_s); 3];
         let mut out = Vec::new();
         for k in 0..sequence.rows() {
-            let (moment, seen) = observer.take(sequence.input_row(k));
             let force =
                 force_of(sequence.target_row(k)).map(|n| if n.is_finite() { n } else { 0.0 });
+            let (moment, seen) = observer.take_with(sequence.input_row(k), Some(&force));
             let contact = seen.levers * force;
             let contact: [f64; 3] = core::array::from_fn(|i| filters[i].step(contact[i]));
             if moment.settled() {

@@ -1,8 +1,8 @@
 //! The physical model on a stream: what each balance lacks, and the force that explains it.
 
 use super::{
-    dot, friction, regressors, settle_rows, sums_of_pieces, Physics, EVERY, FREE_S, MEMORY_S,
-    MINUTE_S, REGRESSORS, SETTLE_S,
+    dot, friction, joints_of, regressors, settle_rows, sums_of_pieces, Physics, EVERY, FREE_S,
+    MEMORY_S, MINUTE_S, REGRESSORS, SETTLE_S,
 };
 use crate::misfit::{Misfit, TIMES};
 use crate::model::{Fit, Stepper};
@@ -153,6 +153,15 @@ pub struct Observer<'a> {
 impl Observer<'_> {
     /// Takes a row of inputs.
     pub fn take(&mut self, input: &[f32]) -> (&Moment, &Seen) {
+        self.take_with(input, None)
+    }
+
+    /// Takes a row of inputs and the force, N, where it is known. Where it is not, what it makes
+    /// the tool rub in its guide follows from the force of the row before.
+    pub fn take_with(&mut self, input: &[f32], force: Option<&Vector3<f64>>) -> (&Moment, &Seen) {
+        let force = force.unwrap_or(&self.seen.force);
+        let lateral_n = self.model.base.lateral_n(joints_of(input), force);
+        self.motion.lateral(lateral_n);
         let moment = self.motion.step(input);
         let levers = self.model.base.at_motors(moment.joints);
         let (mut information, mut evidence) = (Matrix3::zeros(), Vector3::zeros());
@@ -248,6 +257,7 @@ impl Observer<'_> {
         self.steps = 1.0;
         self.information = Matrix3::zeros();
         self.evidence = Vector3::zeros();
+        self.seen.force = Vector3::zeros();
         self.misfit.forget();
         if let Some(wander) = &mut self.wander {
             wander.forget();

@@ -33,6 +33,24 @@ pub fn paced(
     loaded: f64,
     pace: f64,
 ) -> Sequence {
+    let phase = trial as f64;
+    let force = |t: f64| {
+        loaded * (2.5 * libm::sin(0.21 * t + phase) + 1.5 * libm::sin(0.083 * t + 2.0 * phase))
+    };
+    under(robot, trial, seconds, change, pace, |t| {
+        [0.1 * force(t), force(t), 0.0]
+    })
+}
+
+/// The same under a force of one's own.
+pub fn under(
+    robot: u64,
+    trial: usize,
+    seconds: f64,
+    change: ChangeConfig,
+    pace: f64,
+    force_n: impl Fn(f64) -> [f64; 3],
+) -> Sequence {
     let config = TrajectoryConfig {
         duration_s: seconds + 5.0,
         // Faster than in the lab: a minute holds some reversals of each joint.
@@ -53,11 +71,5 @@ pub fn paced(
     )
     .unwrap();
     arm.follow(path);
-    let phase = trial as f64;
-    let force = |t: f64| {
-        loaded * (2.5 * libm::sin(0.21 * t + phase) + 1.5 * libm::sin(0.083 * t + 2.0 * phase))
-    };
-    rows(&mut arm, trial, seconds, |t| {
-        [0.1 * force(t), force(t), 0.0]
-    })
+    rows(&mut arm, trial, seconds, force_n)
 }
