@@ -5,10 +5,9 @@
 //! Each robot (seed) is there twice: as an arm that is the same in every trial, and as one with the
 //! changes of the standard experiment. For each motion a model is trained on six trials of five
 //! minutes and tested on two others, of a minute of free motion and five minutes under load.
-//! `frozen`: the model as it was trained; `after a minute`: recalibrated on the free motion, of which
-//! one set has four. The label
-//! is the true force of the simulation, without the rig's cells. Rows are those that are valid.
-//! Intervals are over robots.
+//! `frozen`: the model as it was trained; `after a minute`: recalibrated on the free motion, of
+//! which one set has four minutes. The label is the true force of the simulation, without the rig's
+//! cells. Rows are those that are valid. Intervals are over robots.
 
 #[path = "../tests/common/rows.rs"]
 mod rows;

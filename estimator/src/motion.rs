@@ -421,8 +421,8 @@ impl Motion {
         }
     }
 
-    /// What is known of the size of the force across the tool's shaft at the next row, N. Motion and
-    /// torque do not tell it.
+    /// What is known of the size of the force across the tool's shaft at the next row, N. Motion
+    /// and torque do not tell it.
     pub const fn lateral(&mut self, lateral_n: f64) {
         self.moment.lateral_n = lateral_n;
     }

@@ -235,8 +235,8 @@ pub fn regressors(m: &Moment, i: usize, coulomb: f64, row: &mut Vec<f64>) {
         let load = (m.torque[i] - share * coulomb * direction).abs();
         row.extend((0..LEVELS).map(|level| m.motor_stop(i, level) * load));
     }
-    // The tool's shaft rubs in its guide as hard as the force across it presses: link 3, without and
-    // with the stretch of the cables.
+    // The tool's shaft rubs in its guide as hard as the force across it presses: link 3, without
+    // and with the stretch of the cables.
     row.extend([1, 3].map(|link| m.link_stop(link, MIDDLE) * m.lateral_n));
 }
 

@@ -10,8 +10,8 @@ pub enum Event {
     /// The state itself is not usable.
     #[error("the robot's state can't be used: {0}")]
     Invalid(#[from] StateError),
-    /// A part without which the state can be used has a flaw, or a datagram is no message. Told once
-    /// for each part.
+    /// A part without which the state can be used has a flaw, or a datagram is no message. Told
+    /// once for each part.
     #[error("left out, here and from now on where the flaw is the same: {0}")]
     LeftOut(StateError),
     /// The joints are not those that were expected.

@@ -120,8 +120,8 @@ pub struct Problem {
     /// What the declared model, fitted where the target does not stop, predicts, as an expression;
     /// `None` where it stops nowhere.
     pub unlimited: Option<String>,
-    /// What shows the direction of slow motion that the deadband of the velocity hides; `None` where
-    /// the velocity shows it as well.
+    /// What shows the direction of slow motion that the deadband of the velocity hides; `None`
+    /// where the velocity shows it as well.
     pub direction: Option<Direction>,
     /// Values per second of a target that was logged more often; `None` where each row is a value.
     pub values_per_s: Option<f64>,
