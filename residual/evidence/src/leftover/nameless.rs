@@ -16,12 +16,6 @@ const FINE_KNOTS: usize = 23;
 /// Times after a start over which friction may change.
 const STARTS_S: [f64; 4] = [0.1, 0.3, 1.0, 3.0];
 
-/// Quantiles of the rate of the load at which it may be limited.
-const LIMITS: [f64; 4] = [0.0, 0.5, 0.75, 0.9];
-
-/// Rows over which histories reach.
-const LATER_ROWS: [f64; 3] = [3.0, 12.0, 50.0];
-
 /// Values of the nonlinear parameter of a law: a refinement follows.
 const PLACES: usize = 15;
 
@@ -109,18 +103,6 @@ fn rates(ctx: &Context, out: &mut Vec<Offer<Nameless>>) {
         let e = &rate.expression;
         let name = "a curve in the rate of the load";
         out.push(form(name.into(), &[&rate], hinges(ctx, e, KNOTS)));
-        let mut sizes = ctx.values(&format!("abs({e})"));
-        sizes.sort_by(f64::total_cmp);
-        // What a limit keeps back comes later.
-        let kept_back = LIMITS.iter().flat_map(|share| {
-            let limit = stats::quantile_sorted(&sizes, *share);
-            LATER_ROWS.map(|rows| {
-                let tau = rows * ctx.dt;
-                format!("lowpass({e} - clip({e}, -{limit}, {limit}), {tau})")
-            })
-        });
-        let name = "the slow history of the rate of the load";
-        out.push(form(name.into(), &[&rate], kept_back.collect()));
     }
 }
 
@@ -381,7 +363,7 @@ fn histories(ctx: &Context, variables: &[Variable], out: &mut Vec<Offer<Nameless
             .collect();
         out.push(form(format!("the history of {}", v.name), &[v], texts));
         let r = unit(ctx, e);
-        let texts = LATER_ROWS.iter().flat_map(|k| {
+        let texts = [3.0, 12.0, 50.0].iter().flat_map(|k| {
             let l = format!("lowpass({r}, {})", k * ctx.dt);
             [l.clone(), format!("{l}^2"), format!("{l} * {r}")]
         });
