@@ -117,6 +117,29 @@ impl Sums {
         })
     }
 
+    /// Makes regressors 0 in all rows: a fit gives them no weight.
+    pub fn forget(&mut self, regressors: core::ops::Range<usize>) {
+        self.flush();
+        for i in regressors {
+            self.products.fill_row(i, 0.0);
+            self.products.fill_column(i, 0.0);
+            self.sum[i] = 0.0;
+        }
+    }
+
+    /// Sum of squares that a map leaves of the only target.
+    #[must_use]
+    pub fn left(&mut self, map: &Ridge) -> f64 {
+        self.flush();
+        let weights = map.weights(0);
+        let left = DVector::from_fn(self.regressors + 1, |i, _| {
+            weights.get(i).map_or(1.0, |weight| -weight)
+        });
+        let intercept = map.intercept[0];
+        let with_left = &self.products * &left - &self.sum * intercept;
+        left.dot(&with_left) - intercept * (self.sum.dot(&left) - intercept * self.weight)
+    }
+
     /// Takes values times the regressors from `from` on out of the only target.
     pub fn take_out(&mut self, from: usize, values: &[f64]) {
         self.flush();
@@ -380,6 +403,25 @@ mod tests {
         a.take_out(1, &[0.4]);
         let (own, ..) = a.own(&common, &usual).unwrap();
         assert!(own[0].abs() < 1e-2, "{own}");
+    }
+
+    #[test]
+    fn regressors_that_are_forgotten_have_no_weight_and_what_is_left_is_told() {
+        let mut sums = Sums::new(2, 1);
+        for n in 0..1_000 {
+            let (x, y) = ((f64::from(n) * 0.37).sin(), (f64::from(n) * 0.11).cos());
+            sums.push(&[x, y], &[1.0 + 2.0 * x - 3.0 * y]);
+        }
+        let whole = sums.clone().solve().unwrap();
+        assert!(sums.left(&whole) < 1e-6, "{}", sums.left(&whole));
+        let mut without = sums.clone();
+        without.forget(1..2);
+        let without = without.solve().unwrap();
+        assert_eq!(without.weights(0)[1], 0.0);
+        assert!((without.weights(0)[0] - 2.0).abs() < 0.02);
+        // 3 cos has a mean square of 4.5.
+        let left = sums.left(&without) / 1_000.0;
+        assert!((4.4..4.6).contains(&left), "{left}");
     }
 
     #[test]

@@ -190,12 +190,15 @@ pub fn open(path: &Path) -> io::Result<File> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, wrong))
 }
 
-/// The text of a file, read whole.
+/// The text of a file, read whole. It may be a pipe, as a shell makes for `<(...)`.
 ///
 /// # Errors
-/// As [`open`]; it is no UTF-8, or has more than 64 MiB.
+/// As [`open`], but for a pipe; it is no UTF-8, or has more than 64 MiB.
 pub fn read_text(path: &Path) -> io::Result<String> {
-    let file = open(path)?;
+    let file = match is_pipe(path)? {
+        true => File::open(path)?,
+        false => open(path)?,
+    };
     let long = || {
         let text = format!(
             "it has more than {} MiB: another file is meant",
@@ -212,6 +215,17 @@ pub fn read_text(path: &Path) -> io::Result<String> {
         return Err(long());
     }
     Ok(text)
+}
+
+#[cfg(unix)]
+fn is_pipe(path: &Path) -> io::Result<bool> {
+    use std::os::unix::fs::FileTypeExt;
+    Ok(fs::metadata(path)?.file_type().is_fifo())
+}
+
+#[cfg(not(unix))]
+fn is_pipe(_: &Path) -> io::Result<bool> {
+    Ok(false)
 }
 
 /// SHA-256 of a file, in hexadecimal.

@@ -57,6 +57,12 @@ const GRAVITY: usize = 14;
 /// Regressors of a motor.
 pub const REGRESSORS: usize =
     GRAVITY + 3 + 3 + 3 + 1 + 2 * STOPS + 6 + 3 + 3 + 16 + LEVELS * SHARES.len() + 2;
+/// Places of the friction of the tool in its guide.
+const GUIDE: core::ops::Range<usize> = REGRESSORS - 2..REGRESSORS;
+/// What the guide's friction must take off the squared error of the insertion's balance in parts of
+/// the training that were left out, share. A choice: far above what chance takes off, and of little
+/// cost where it is wrong. A training whose force is always as large does not show it.
+const GUIDE_TAKES: f64 = 0.05;
 /// Places of the regressors that are friction with a direction: not the rates of the stops, which
 /// are damping, nor loads without one.
 const FRICTION: [[usize; 2]; 3] = {
@@ -385,12 +391,14 @@ struct Changing {
     differs: [Differs; 3],
 }
 
-/// Fits them; `None`: too few rows. `coarse`: the first fit.
+/// Fits them; `None`: too few rows. `coarse`: the first fit; `guide`: whether the tool rubs in its
+/// guide.
 fn changing(
     base: &Base,
     coulomb: [f64; 3],
     coarse: &[Ridge; 3],
     every: usize,
+    guide: bool,
     sequences: &[&Sequence],
 ) -> Option<Changing> {
     // What has changed is told by the few regressors of the first fit. Those with a torque would
@@ -405,7 +413,10 @@ fn changing(
     let counts: Vec<usize> = parts.iter().map(Vec::len).collect();
     let mut by_motor: [Vec<Sums>; 3] = Default::default();
     for piece in parts.into_iter().flatten() {
-        for (all, sums) in by_motor.iter_mut().zip(piece) {
+        for (all, mut sums) in by_motor.iter_mut().zip(piece) {
+            if !guide {
+                sums.forget(GUIDE);
+            }
             all.push(sums);
         }
     }
@@ -517,6 +528,22 @@ fn fit(folds: &[[Sums; 3]], every: usize) -> Result<[Ridge; 3], ModelError> {
     })
 }
 
+/// Whether the parts of the training show that the tool rubs in its guide. Where they do not, a fit
+/// would take something else for it, and be wrong in free motion.
+fn rubs_in_its_guide(folds: &[[Sums; 3]]) -> bool {
+    let mut without = folds.to_vec();
+    (without.iter_mut().flatten()).for_each(|sums| sums.forget(GUIDE));
+    let left = |of: &[[Sums; 3]]| -> Option<f64> {
+        let parts = folds.iter().enumerate().map(|(out, [.., insertion])| {
+            let [.., fitted] = solved(of, Some(out))?;
+            Some(insertion.clone().left(&fitted))
+        });
+        parts.sum()
+    };
+    let pair = left(folds).zip(left(&without));
+    pair.is_some_and(|(with, without)| with < (1.0 - GUIDE_TAKES) * without)
+}
+
 /// Times in which errors of the balances are alike, in those of [`crate::recalibration`]: what
 /// minutes that were not fitted seem to tell of changes of the robot, which did not change, over
 /// what they would tell if only neighbouring rows had the same error. A slow motion has slower
@@ -602,14 +629,18 @@ impl Physics {
         let settled = |s: &&Sequence| s.rows().saturating_sub(settle_rows(s.step_s));
         let rows: usize = sequences.iter().map(settled).sum();
         let every = if rows < MANY * REGRESSORS { 1 } else { EVERY };
-        let folds = sums_of_folds(&base, coulomb, sequences, REGRESSORS, every, |m, i, row| {
+        let mut folds = sums_of_folds(&base, coulomb, sequences, REGRESSORS, every, |m, i, row| {
             regressors(m, i, coulomb[i], row);
         });
+        let guide = rubs_in_its_guide(&folds);
+        if !guide {
+            (folds.iter_mut().flatten()).for_each(|sums| sums.forget(GUIDE));
+        }
         let motors = fit(&folds, every)?;
         let plain = noise_of(&base, coulomb, sequences, |_, _, i, _, row| {
             motors[i].value(0, row)
         });
-        let changing = changing(&base, coulomb, &coarse, every, sequences);
+        let changing = changing(&base, coulomb, &coarse, every, guide, sequences);
         let less = |of: &Changing| -> [f64; 3] {
             core::array::from_fn(|i| of.noise[i].deviation() / plain[i].deviation())
         };
