@@ -148,9 +148,8 @@ fn a_file_without_an_end_is_refused_by_every_command_that_reads_one() {
             let takes_folder = ["recording", "estimate train", "--data FILE"];
             let folder_may_be = takes_folder.iter().any(|word| command.contains(word));
             // A text may come from a pipe, as from `<(...)` of a shell.
-            let texts = ["calibrate", "check", "status", "init", "experiment"];
-            let is_text = texts.iter().any(|word| command.starts_with(word))
-                || command.ends_with("--model FILE");
+            let texts = ["calibrate", "init", "experiment", "--plant", "--model FILE"];
+            let is_text = texts.iter().any(|word| command.contains(word));
             let pipe_may_be = is_text && file == "fifo";
             if suffix && file != "fifo" || folder_may_be && file == "dir" || pipe_may_be {
                 continue;

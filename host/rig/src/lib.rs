@@ -80,7 +80,11 @@ impl RigText {
     pub fn read(path: Option<&Path>) -> Result<Self, RigFileError> {
         let (name, text) = match path {
             None => (DEFAULT_NAME.to_owned(), Ok(DEFAULT_TEXT.to_owned())),
-            Some(path) => (path.display().to_string(), files::read_text(path)),
+            // No pipe: what a rig is driven by can be looked at again.
+            Some(path) => {
+                let text = files::open(path).and_then(std::io::read_to_string);
+                (path.display().to_string(), text)
+            }
         };
         match text {
             Ok(text) => Ok(Self { name, text }),
