@@ -162,12 +162,11 @@ impl Sums {
         self.force_n += step.best_force_n();
         self.error_n += error_n;
         self.square += error_n.norm_squared();
-        let tension_n = step.best_tension_n();
-        for i in 0..UNITS {
+        for (i, tension_n) in step.best_tension_n().into_iter().enumerate() {
             self.setpoint_n[i] += step.tension_setpoint_n[i];
-            self.tension_n[i] += tension_n[i];
+            self.tension_n[i] += tension_n;
             if step.available[i] {
-                self.tension_square[i] += (tension_n[i] - step.tension_setpoint_n[i]).powi(2);
+                self.tension_square[i] += (tension_n - step.tension_setpoint_n[i]).powi(2);
             }
         }
     }
