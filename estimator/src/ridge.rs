@@ -407,21 +407,27 @@ mod tests {
 
     #[test]
     fn regressors_that_are_forgotten_have_no_weight_and_what_is_left_is_told() {
-        let mut sums = Sums::new(2, 1);
-        for n in 0..1_000 {
+        let rows = (0..1_000).map(|n| {
             let (x, y) = ((f64::from(n) * 0.37).sin(), (f64::from(n) * 0.11).cos());
-            sums.push(&[x, y], &[1.0 + 2.0 * x - 3.0 * y]);
+            (x, y, 1.0 + 2.0 * x - 3.0 * y)
+        });
+        let (mut both, mut alone) = (Sums::new(2, 1), Sums::new(1, 1));
+        for (x, y, target) in rows.clone() {
+            both.push(&[x, y], &[target]);
+            alone.push(&[x], &[target]);
         }
-        let whole = sums.clone().solve().unwrap();
-        assert!(sums.left(&whole) < 1e-6, "{}", sums.left(&whole));
-        let mut without = sums.clone();
-        without.forget(1..2);
-        let without = without.solve().unwrap();
+        let (mut forgotten, mut kept) = (both.clone(), both.clone());
+        forgotten.forget(1..2);
+        let [without, alone] = [forgotten, alone].map(|sums| sums.solve().unwrap());
         assert_eq!(without.weights(0)[1], 0.0);
-        assert!((without.weights(0)[0] - 2.0).abs() < 0.02);
-        // 3 cos has a mean square of 4.5.
-        let left = sums.left(&without) / 1_000.0;
-        assert!((4.4..4.6).contains(&left), "{left}");
+        assert!((without.weights(0)[0] - alone.weights(0)[0]).abs() < 1e-9);
+        for map in [without, both.solve().unwrap()] {
+            let squares = rows
+                .clone()
+                .map(|(x, y, target)| (target - map.value(0, &[x, y])).powi(2));
+            let (left, squares) = (kept.left(&map), squares.sum::<f64>());
+            assert!((left - squares).abs() < 1e-6, "{left} {squares}");
+        }
     }
 
     #[test]
