@@ -63,6 +63,15 @@ fn a_source_that_cant_be_opened_says_why() {
 
 const MS: i64 = 1_000_000;
 
+/// A source on a port of its own, as it is by default.
+fn listening() -> Udp {
+    let config = UdpConfig {
+        listen: "127.0.0.1:0".to_owned(),
+        ..UdpConfig::default()
+    };
+    Udp::listen(&config).unwrap()
+}
+
 /// A source and a sender, and what comes out after `datagrams`, 10 ms apart.
 fn after(frame: Frame, datagrams: &[&str]) -> (Vec<RobotState>, Vec<Event>) {
     let config = UdpConfig {
@@ -179,11 +188,7 @@ fn what_is_no_message_is_left_out_counted_and_told_once() {
         br#"{"measured_cp": {"posi"#,
         long.as_bytes(),
     ] {
-        let mut source = Udp::listen(&UdpConfig {
-            listen: "127.0.0.1:0".to_owned(),
-            ..UdpConfig::default()
-        })
-        .unwrap();
+        let mut source = listening();
         let robot = UdpSocket::bind("127.0.0.1:0").unwrap();
         let other = UdpSocket::bind("127.0.0.1:0").unwrap();
         let (mut states, mut events, mut count) = (0, Vec::new(), 0);
@@ -241,11 +246,7 @@ fn joints_and_tip_of_one_stamp_in_two_datagrams_are_one_state() {
             }
             datagrams.push(both);
         }
-        let mut source = Udp::listen(&UdpConfig {
-            listen: "127.0.0.1:0".to_owned(),
-            ..UdpConfig::default()
-        })
-        .unwrap();
+        let mut source = listening();
         let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
         let (mut states, mut events) = (Vec::new(), Vec::new());
         for (n, both) in datagrams.iter().enumerate() {
@@ -265,7 +266,7 @@ fn joints_and_tip_of_one_stamp_in_two_datagrams_are_one_state() {
         assert_eq!(events, [Event::Repeated], "{tip_first}");
         let whole = |state: &RobotState| state.joints.is_some() && state.tip.is_some();
         assert!(!whole(&states[0]) && states[1..].iter().all(whole));
-        // One that stays alone is used alone, after its wait. So is a robot in fault, at once.
+        // One that stays alone is used alone, after its wait. So is a robot in fault.
         let [first, second] = if tip_first { [1, 0] } else { [0, 1] };
         let alone = &halves(6)[first];
         sender.send_to(alone.as_bytes(), source.address()).unwrap();
@@ -283,10 +284,9 @@ fn joints_and_tip_of_one_stamp_in_two_datagrams_are_one_state() {
         let fault =
             halves(8)[first].replacen('{', r#"{"operating_state": {"state": "FAULT"}, "#, 1);
         sender.send_to(fault.as_bytes(), source.address()).unwrap();
-        std::thread::sleep(Duration::from_millis(2));
-        let mut stopped = false;
-        for _ in 0..20 {
-            stopped |= source.poll(90 * MS).unwrap().stop().is_some();
+        let (began, mut stopped) = (std::time::Instant::now(), false);
+        while !stopped && began.elapsed() < Duration::from_secs(2) {
+            stopped = source.poll(90 * MS).unwrap().stop().is_some();
         }
         assert!(stopped, "{tip_first}");
     }
@@ -294,11 +294,7 @@ fn joints_and_tip_of_one_stamp_in_two_datagrams_are_one_state() {
 
 #[test]
 fn a_robot_that_tells_poses_alone_waits_for_no_joints() {
-    let mut source = Udp::listen(&UdpConfig {
-        listen: "127.0.0.1:0".to_owned(),
-        ..UdpConfig::default()
-    })
-    .unwrap();
+    let mut source = listening();
     let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
     for n in 0..3 {
         sender
@@ -439,11 +435,7 @@ fn poses_that_repeat_an_old_stamp_of_ros_become_none() {
 
 /// As [`after`], for datagrams of which some leave no trace: each has 20 ms to come.
 fn unwaited(datagrams: &[&str]) -> (Vec<RobotState>, Vec<Event>) {
-    let config = UdpConfig {
-        listen: "127.0.0.1:0".to_owned(),
-        ..UdpConfig::default()
-    };
-    let mut source = Udp::listen(&config).unwrap();
+    let mut source = listening();
     let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
     let (mut states, mut events) = (Vec::new(), Vec::new());
     for (n, datagram) in datagrams.iter().enumerate() {
@@ -559,11 +551,7 @@ fn a_fed_source_counts_what_it_leaves_out_and_tells_it_once() {
 
 #[test]
 fn two_senders_are_two_publishers() {
-    let config = UdpConfig {
-        listen: "127.0.0.1:0".to_owned(),
-        ..UdpConfig::default()
-    };
-    let mut source = Udp::listen(&config).unwrap();
+    let mut source = listening();
     let to = source.address();
     let senders = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
     let mut events = Vec::new();

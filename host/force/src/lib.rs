@@ -7,3 +7,4 @@ pub mod feasibility;
 pub mod metrics;
 pub mod pose;
 pub mod preview;
+pub mod thinned;

@@ -267,6 +267,16 @@ fn runs_of_one_emulated_rig_have_figures_of_their_own() {
     assert!(ratio != 1.0 && (0.5..2.0).contains(&ratio), "{ratio}");
 }
 
+/// The rig of a seed whose physics is that of a file.
+fn rig_of(seed: u64, plant: &std::path::Path) -> session::link::fast::FastRig {
+    let options = session::link::EmbeddedOptions {
+        seed: Some(seed),
+        plant: Some(plant.to_owned()),
+        ..Default::default()
+    };
+    session::link::fast::FastRig::open(&options).unwrap()
+}
+
 /// At 0 V a reel with much friction holds its cable as an output that is stuck does. The board
 /// tells them apart by the declared friction.
 #[test]
@@ -283,12 +293,7 @@ fn a_rig_whose_friction_is_declared_ends_its_sessions_without_a_fault() {
         unit.tension_min_n = 4.0;
     }
     for seed in 1..=3 {
-        let options = session::link::EmbeddedOptions {
-            seed: Some(seed),
-            plant: Some(plant.clone()),
-            ..Default::default()
-        };
-        let mut link = session::link::fast::FastRig::open(&options).unwrap();
+        let mut link = rig_of(seed, &plant);
         let options = run::Options::new([0.0, 2.5, 0.0], 4.0);
         let outcome = run::set_force(&mut link, &declared, &options, &mut NoopObserver).unwrap();
         assert!(
@@ -313,12 +318,7 @@ fn a_session_that_a_late_drive_ends_is_cleared() {
         for delay_s in [0.0035, 0.00414, 0.006, 0.0092] {
             let late = format!("[[effects]]\nkind = \"command_delay\"\ndelay_s = {delay_s}\n");
             std::fs::write(&plant, late).unwrap();
-            let options = session::link::EmbeddedOptions {
-                seed: Some(seed),
-                plant: Some(plant.clone()),
-                ..Default::default()
-            };
-            let mut link = session::link::fast::FastRig::open(&options).unwrap();
+            let mut link = rig_of(seed, &plant);
             let options = run::Options::new([0.0, 2.5, 0.0], 4.0);
             let mut said = Said::default();
             let held = hold(&mut link, &rig(), &options, true, &mut said);

@@ -24,6 +24,7 @@
 use calibration::record::{GainRecord, Record};
 use calibration::uncertainty::{self, Geometry, TipForce, UnitInput};
 use force::metrics::{Step, STEADY_AFTER_S};
+use force::thinned::Thinned;
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 use wire::UNITS;
@@ -73,49 +74,26 @@ pub struct PartsN {
     pub held: f64,
 }
 
-/// A 95 % quantile of sizes that come one after the other; at most [`KEPT`] of them are kept,
-/// evenly over time.
+/// A 95 % quantile of sizes that come one after the other.
 #[derive(Debug, Clone)]
-struct Sizes {
-    kept: Vec<f64>,
-    /// One of so many is kept.
-    every: u64,
-    seen: u64,
-}
+struct Sizes(Thinned<f64>);
 
 /// Sizes that are kept for a quantile: its standard error is then below 0.5 % in probability.
 const KEPT: usize = 4096;
 
 impl Default for Sizes {
     fn default() -> Self {
-        Self {
-            kept: Vec::new(),
-            every: 1,
-            seen: 0,
-        }
+        Self(Thinned::new(KEPT))
     }
 }
 
 impl Sizes {
     fn add(&mut self, size: f64) {
-        if self.seen.is_multiple_of(self.every) {
-            if self.kept.len() == KEPT {
-                let mut keep = false;
-                self.kept.retain(|_| {
-                    keep = !keep;
-                    keep
-                });
-                self.every *= 2;
-            }
-            if self.seen.is_multiple_of(self.every) {
-                self.kept.push(size);
-            }
-        }
-        self.seen += 1;
+        self.0.push(size);
     }
 
     fn quantile_95(&self) -> f64 {
-        let mut sorted = self.kept.clone();
+        let mut sorted = self.0.kept().to_vec();
         sorted.sort_by(f64::total_cmp);
         let at = (0.95 * sorted.len() as f64) as usize;
         sorted.get(at).or(sorted.last()).copied().unwrap_or(0.0)
@@ -628,7 +606,7 @@ mod tests {
         for i in 0..1_000_003_u64 {
             sizes.add((i % 1000) as f64);
         }
-        assert!(sizes.kept.len() <= KEPT);
+        assert!(sizes.0.kept().len() <= KEPT);
         assert!((sizes.quantile_95() - 950.0).abs() < 15.0);
         assert_eq!(Sizes::default().quantile_95(), 0.0);
     }

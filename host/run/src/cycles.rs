@@ -2,6 +2,7 @@
 //! rows are kept as a plot and the search for a cause need.
 
 use force::metrics::{Metrics, Step, Sums};
+use force::thinned::Thinned;
 use known::uncertainty::Steady;
 use nalgebra::Vector3;
 use std::collections::VecDeque;
@@ -18,11 +19,8 @@ pub(super) struct Cycles {
     sums: Sums,
     steady: Steady,
     newest: VecDeque<Step>,
-    rows: Vec<Step>,
-    /// Every so many rows before the newest one is kept.
-    every: u64,
-    /// Cycles before the newest.
-    seen: u64,
+    /// Of those before.
+    rows: Thinned<Step>,
 }
 
 /// The rows that are kept of a run that has ended.
@@ -38,9 +36,7 @@ impl Cycles {
             sums: Sums::new(commanded_n),
             steady: Steady::default(),
             newest: VecDeque::with_capacity(NEWEST),
-            rows: Vec::new(),
-            every: 1,
-            seen: 0,
+            rows: Thinned::new(ROWS),
         }
     }
 
@@ -48,7 +44,7 @@ impl Cycles {
         if self.newest.len() == NEWEST {
             if let Some(oldest) = self.newest.pop_front() {
                 self.add(&oldest);
-                self.keep(oldest);
+                self.rows.push(oldest);
             }
         }
         self.newest.push_back(step);
@@ -59,35 +55,16 @@ impl Cycles {
         self.steady.add(step);
     }
 
-    fn keep(&mut self, step: Step) {
-        if self.rows.len() == ROWS {
-            let mut keep = false;
-            self.rows.retain(|_| {
-                keep = !keep;
-                keep
-            });
-            self.every *= 2;
-        }
-        if self.seen.is_multiple_of(self.every) {
-            self.rows.push(step);
-        }
-        self.seen += 1;
-    }
-
     /// The figures of the cycles before a time, s, and the rows of all.
     pub fn end(mut self, until_s: Option<f64>) -> (Option<Metrics>, Steady, Rows) {
         let newest = std::mem::take(&mut self.newest);
         let held = |step: &&Step| until_s.is_none_or(|until_s| step.t_s < until_s);
         newest.iter().filter(held).for_each(|step| self.add(step));
-        let whole_from = match self.every {
-            1 => 0,
-            _ => self.rows.len(),
-        };
-        self.rows.extend(newest);
-        let rows = Rows {
-            steps: self.rows,
-            whole_from,
-        };
+        let is_whole = self.rows.is_whole();
+        let mut steps = self.rows.into_kept();
+        let whole_from = if is_whole { 0 } else { steps.len() };
+        steps.extend(newest);
+        let rows = Rows { steps, whole_from };
         (self.sums.metrics(), self.steady, rows)
     }
 }

@@ -611,3 +611,37 @@ fn receive(socket: &UdpSocket, alive: &Weak<()>, to: &SyncSender<Datagram>) {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_of_a_pair_waits_for_the_other_and_that_of_a_robot_in_fault_does_not() {
+        let udp = Udp::listen(&UdpConfig {
+            listen: "127.0.0.1:0".to_owned(),
+            ..UdpConfig::default()
+        })
+        .unwrap();
+        let came = Instant::now();
+        let mut pairs = Pairs::default();
+        let mut passed = |n: u32, rest: &str| {
+            let stamp_s = 100.0 + 0.01 * f64::from(n);
+            let message = parse(format!(r#"{{"stamp_s": {stamp_s}, {rest}}}"#).as_bytes()).unwrap();
+            let stamp = Stamp {
+                clock: Clock::RobotUtc,
+                t_ns: 0,
+            };
+            let state = udp.state(message, udp.address, stamp).unwrap();
+            let passed: Vec<RobotState> = pairs.take(state, came).collect();
+            passed.len()
+        };
+        let joints = r#""measured_js": {"name": ["a"], "position": [0.5]}"#;
+        let tip = r#""measured_cp": {"position": [0.1, 0.2, 0.3]}"#;
+        // Nobody knew of pairs before the first one.
+        assert_eq!([passed(0, joints), passed(0, tip)], [1, 1]);
+        assert_eq!([passed(1, joints), passed(1, tip)], [0, 1]);
+        let fault = format!(r#"{joints}, "operating_state": {{"state": "FAULT"}}"#);
+        assert_eq!(passed(2, &fault), 1);
+    }
+}

@@ -5,16 +5,13 @@ use super::refusal::{Against, Refusal};
 use crate::leftover::nameless::{self, Nameless};
 use crate::leftover::STAND_IN;
 use residual_columns::error::Error;
-use residual_columns::expr::Expr;
 use residual_columns::format::num;
-use residual_effects::{Build, Variant};
 use residual_fit::problem::Problem;
 use residual_log::spec::Spec;
 use residual_search::model::{Chosen, Fit, Fitted, Model};
 use residual_search::ranking::Acceptance;
 use residual_search::scan::{t_statistic, Candidate, Offer, Scan};
 use residual_search::{Outcome, Search};
-use std::collections::BTreeSet;
 
 /// Share of what a name explains that a form must explain in its place to contain it. A polygon in
 /// seven knots does that for dry friction, of which it rounds the jump.
@@ -76,7 +73,7 @@ impl<'s> Rows<'s> {
     }
 
     /// For each form the names of which it tells the law: it explains most of what each does in its
-    /// place, or both are made of the command alone, as a lag and what is limited in its slope.
+    /// place.
     fn contained(
         &self,
         chosen: &[Chosen],
@@ -87,10 +84,8 @@ impl<'s> Rows<'s> {
         for own in 0..chosen.len() {
             let fitted = self.without(chosen, &[own])?;
             let least = CONTAINS * (fitted.squares() - held);
-            let of_command = is_of_command(&chosen[own].variant, chosen[own].psi);
             for (offer, names) in offers.iter().zip(&mut out) {
-                let of_command = of_command && is_of_command(&offer.variant, 0.0);
-                if of_command || self.fall(offer, &fitted) > least {
+                if self.fall(offer, &fitted) > least {
                     names.push(own);
                 }
             }
@@ -141,20 +136,6 @@ impl<'s> Rows<'s> {
     }
 }
 
-/// Whether a form is made of the command alone.
-fn is_of_command(form: &Variant, psi: f64) -> bool {
-    let texts: Vec<String> = match (form.build)(psi) {
-        Build::Add(all) | Build::Local(all) | Build::Known(all) => {
-            all.into_iter().map(|p| p.text).collect()
-        }
-        Build::Swap(all) | Build::SwapAll(all) => all.into_iter().map(|(_, t)| t).collect(),
-        Build::Through(_) => vec![],
-    };
-    let parsed = texts.iter().filter_map(|t| Expr::parse(t).ok());
-    let names: BTreeSet<String> = parsed.flat_map(|e| e.names()).collect();
-    names.iter().eq(["command"])
-}
-
 /// Marks names that are not the law of what they explain: those of the form that adds most.
 ///
 /// A form that contains a name, and explains much more, shows another law, or another effect over
@@ -180,7 +161,6 @@ pub(super) fn names_of_another_law(
     let held = all.squares();
     let offers = nameless::offers(&rows.scan(&all).context());
     let contained = rows.contained(chosen, &offers, held)?;
-    let used = || offers.iter().zip(&contained).filter(|(_, n)| !n.is_empty());
     let curves = offers.iter().zip(&contained);
     let curves = curves.filter(|(o, n)| n.is_empty() && o.origin.curve_over().is_some());
     // What acts over another variable adds to each form of two.
@@ -192,7 +172,7 @@ pub(super) fn names_of_another_law(
         None => None,
     };
     let mut most: Option<(f64, Vec<usize>, String)> = None;
-    for (offer, names) in used() {
+    for (offer, names) in offers.iter().zip(&contained).filter(|(_, n)| !n.is_empty()) {
         let without = rows.without(chosen, names)?;
         // Dry friction is a model of what surfaces do: no real one follows it to a few hundredths.
         let dry = |i: &usize| chosen[*i].effect.friction().is_some();

@@ -88,22 +88,7 @@ pub fn offers(ctx: &Context) -> Vec<Offer<Nameless>> {
     friction(ctx, &variables, &mut out);
     histories(ctx, &variables, &mut out);
     speeds(ctx, &variables, &mut out);
-    rates(ctx, &mut out);
     out
-}
-
-/// A curve in the speed at which the load changes: what follows a command may be limited in it.
-fn rates(ctx: &Context, out: &mut Vec<Offer<Nameless>>) {
-    let rate = Variable {
-        axis: Axis::Load,
-        name: "the rate of the load".into(),
-        expression: format!("deriv({}, 2)", ctx.load),
-    };
-    if ctx.range(&rate.expression).is_some() {
-        let e = &rate.expression;
-        let name = "a curve in the rate of the load";
-        out.push(form(name.into(), &[&rate], hinges(ctx, e, KNOTS)));
-    }
 }
 
 /// Friction as a curve over the speed: it jumps where the direction changes.
