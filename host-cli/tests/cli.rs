@@ -443,6 +443,41 @@ fn a_motor_that_does_not_let_go_at_the_end_of_a_run_is_an_error() {
     }
 }
 
+/// To the board a reel that holds its cable at 0 V is an output that is stuck. The run says with
+/// which settings it takes that for friction, and with them the force is held.
+#[test]
+fn a_rig_with_more_friction_than_declared_is_told_the_settings_that_carry_it() {
+    let folder = folder();
+    let plant = "cable.initial_slack_m = 0.003\n\
+        [[effects]]\nkind = \"periodic\"\nshaft = \"motor\"\norder = 1.0\namplitude_n = 0.69\n\
+        [[effects]]\nkind = \"coulomb\"\nconstant_n = 0.51\n";
+    std::fs::write(folder.path().join("plant.toml"), plant).expect("written");
+    let run = |more: &[&str]| {
+        let mut line =
+            words("set-force 0 2.5 0 --duration 16 --link fast --seed 31 --plant plant.toml");
+        line.extend(more);
+        forcectl_in(folder.path(), &line)
+    };
+    let said = run(&[]);
+    assert_eq!(said.code, Some(5), "{said:?}");
+    let value = |name: &str| {
+        let (_, behind) = said.err.split_once(&format!("`{name} = ")).expect("named");
+        behind.split_once('`').expect("closed").0.to_owned()
+    };
+    let rig = built_in()
+        .replace(
+            "\ncoulomb_n = 0.909",
+            &format!("\ncoulomb_n = {}", value("coulomb_n")),
+        )
+        .replace(
+            "\ntension_min_n = 2.0",
+            &format!("\ntension_min_n = {}", value("tension_min_n")),
+        );
+    std::fs::write(folder.path().join("rig.toml"), rig).expect("written");
+    let said = run(&["--rig", "rig.toml"]);
+    assert_eq!(said.code, Some(0), "{said:?}");
+}
+
 #[test]
 fn a_rig_file_that_cannot_hold_zero_force_is_refused() {
     let folder = folder();

@@ -157,7 +157,9 @@ are then measured with weights, which a stand-in hangs, and the cables are drive
   units' own scatter is corrected as well.
 * *board*: `better` where the worst cable of each run, or one cable, gained for sure (the 95 % interval over pairs of runs, and over all
   looks at all cables, excludes zero), by 2 % at least, no cable and no worst cable lost 2 %, and the tip no more than 5 %. Elsewhere
-  `forcectl identify` leaves the rig file as it was. `broken off`: a fault ended a later run; the figures are of the runs before it.
+  `forcectl identify` leaves the rig file as it was. `broken off`: a fault ended a later run; the figures are of the runs before it. `fault 15`:
+  friction held a cable at 0 V as an output does that is stuck. The run names two settings then ([why](identify.md#on-rigs-with-undeclared-effects)). With these in the
+  rig file, for all units, the command is called again; the worst cable with them stands in this column, and *found* is what it found beyond them.
 
 {HEAD}{rows}
 Kinds of effect that were named in most units, and the force was held better after: {}

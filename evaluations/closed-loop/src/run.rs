@@ -33,6 +33,9 @@ pub struct Findings {
     pub stopped: Option<&'static str>,
     /// What broke the comparison off, in words.
     pub broken_off: Option<String>,
+    /// The settings that a run behind fault 15 named, with which the rig was then identified, and
+    /// the worst cable with them, N RMS.
+    pub told: Option<(String, Option<f64>)>,
     /// Changed settings.
     pub changed: usize,
     /// Whether the force was held better after.
@@ -189,6 +192,7 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
         broken_off: (report["left"].as_str())
             .and_then(|why| why.strip_prefix(BROKEN_OFF))
             .map(|why| why.split(',').next().unwrap_or(why).to_owned()),
+        told: None,
         changed: report["changed"].as_array().map_or(0, Vec::len) + weighed.len(),
         better: report["better"].as_bool().unwrap_or(false),
     })
@@ -214,28 +218,23 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFi
     std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let plant = folder.join("plant.toml");
     std::fs::write(&plant, &truth.plant).map_err(|e| format!("{}: {e}", plant.display()))?;
-    let output = Command::new(&options.forcectl)
-        .arg("identify")
-        .args(["--link", &options.link, "--seed", &seed.to_string()])
-        .arg("--plant")
-        .arg(&plant)
-        .args(["--drive-duration", &options.drive])
-        .args(["--duration", &options.hold])
-        .args(["--clear-implausible", "--weigh", "--yes"])
-        .arg("--out")
-        .arg(&report)
-        .env("FORCECTL_STATE_DIR", folder.join("state"))
-        .output()
-        .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
-    // 6: done, and nothing changed. That is a result, and so is what was found before a fault.
-    if !matches!(output.status.code(), Some(0 | 6)) && !json.exists() {
-        let words = String::from_utf8_lossy(&output.stderr);
-        let last = words.lines().last().unwrap_or("no message").to_owned();
-        if output.status.code() == Some(5) && last.contains(IMPLAUSIBLE) {
-            std::fs::write(&stopped, &last).map_err(|e| format!("{}: {e}", stopped.display()))?;
+    identify(options, seed, &folder, None)?;
+    let mut behind = read_told(&folder);
+    for _ in 0..MOST_TOLD {
+        let Some(told) = behind.filter(|_| !json.exists()) else {
+            break;
+        };
+        identify(options, seed, &folder, Some(&told))?;
+        behind = read_told(&folder).filter(|newer| *newer != told);
+    }
+    if !json.exists() {
+        let last = std::fs::read_to_string(folder.join(SAID)).unwrap_or_default();
+        let last = last.lines().last().unwrap_or("no message");
+        if last.contains(IMPLAUSIBLE) {
+            std::fs::write(&stopped, last).map_err(|e| format!("{}: {e}", stopped.display()))?;
             return Err(NoFindings::Stopped);
         }
-        return Err(format!("forcectl ended with {}: {last}", output.status).into());
+        return Err(format!("forcectl ended without a report: {last}").into());
     }
     // The same rig without the effect: the smallest error that a correction can reach.
     std::fs::create_dir_all(&control).map_err(|e| format!("{}: {e}", control.display()))?;
@@ -265,6 +264,74 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFi
         )?;
     }
     Ok(findings(truth, &json, &control)?)
+}
+
+/// What the last run of `forcectl identify` said on standard error.
+const SAID: &str = "said.txt";
+/// The rig file with the settings that a run named.
+const TOLD: &str = "told.toml";
+/// How often a run may name other settings: larger ones, as another unit or reversal shows them.
+const MOST_TOLD: usize = 3;
+/// Settings that a run names behind fault 15, in the order of its sentence.
+const SETTINGS: [&str; 2] = ["coulomb_n", "tension_min_n"];
+
+/// Runs `forcectl identify`, with the rig file as it is or with settings that a run before named,
+/// for all units: their reels are alike.
+fn identify(
+    options: &Options,
+    seed: u64,
+    folder: &Path,
+    told: Option<&[String; 2]>,
+) -> Result<(), String> {
+    let forcectl = |e: std::io::Error| format!("{}: {e}", options.forcectl.display());
+    let file = |path: &Path| {
+        let path = path.display().to_string();
+        move |e: std::io::Error| format!("{path}: {e}")
+    };
+    let mut command = Command::new(&options.forcectl);
+    command
+        .arg("identify")
+        .args(["--link", &options.link, "--seed", &seed.to_string()])
+        .arg("--plant")
+        .arg(folder.join("plant.toml"))
+        .args(["--drive-duration", &options.drive])
+        .args(["--duration", &options.hold])
+        .args(["--clear-implausible", "--weigh", "--yes"])
+        .arg("--out")
+        .arg(folder.join("found"))
+        .env("FORCECTL_STATE_DIR", folder.join("state"));
+    if let Some(told) = told {
+        let print = Command::new(&options.forcectl)
+            .args(["check", "--print"])
+            .output()
+            .map_err(forcectl)?;
+        let rig: String = String::from_utf8_lossy(&print.stdout)
+            .lines()
+            .map(|line| {
+                let of = |(name, _): &(&&str, &String)| line.starts_with(&format!("{name} = "));
+                match SETTINGS.iter().zip(told).find(of) {
+                    Some((name, value)) => format!("{name} = {value}\n"),
+                    None => format!("{line}\n"),
+                }
+            })
+            .collect();
+        let path = folder.join(TOLD);
+        std::fs::write(&path, rig).map_err(file(&path))?;
+        command.arg("--rig").arg(&path);
+    }
+    let output = command.output().map_err(forcectl)?;
+    let said = folder.join(SAID);
+    std::fs::write(&said, &output.stderr).map_err(file(&said))
+}
+
+/// The settings that the last run named behind fault 15.
+fn read_told(folder: &Path) -> Option<[String; 2]> {
+    let said = std::fs::read_to_string(folder.join(SAID)).ok()?;
+    let value = |name: &str| {
+        let (_, behind) = said.rsplit_once(&format!("`{name} = "))?;
+        Some(behind.split_once('`')?.0.to_owned())
+    };
+    Some([value(SETTINGS[0])?, value(SETTINGS[1])?])
 }
 
 /// Folder of the session after the geometry was measured again.
@@ -302,6 +369,17 @@ pub fn report_of(path: &Path) -> Result<Value, String> {
 fn findings(truth: &Truth, report: &Path, control: &Path) -> Result<Findings, String> {
     let mut findings = read(truth, &report_of(report)?)?;
     findings.without = Some(held(control)?);
+    let rig = std::fs::read_to_string(control.with_file_name(TOLD)).unwrap_or_default();
+    let line = |name: &&str| rig.lines().find(|line| line.starts_with(*name));
+    if let [Some(coulomb), Some(least)] = SETTINGS.each_ref().map(line) {
+        let before = findings.worst.0.take();
+        findings.told = Some((format!("`{coulomb}` and `{least}`"), before));
+        findings.stopped = Some("fault 15");
+        let tip = findings.tip.0.take();
+        if !findings.better {
+            (findings.worst.1, findings.tip.1) = (before, tip);
+        }
+    }
     let surveyed = control.with_file_name(SURVEYED);
     if surveyed.exists() {
         findings.surveyed = Some(held(&surveyed)?);
@@ -319,4 +397,22 @@ fn held(folder: &Path) -> Result<(f64, f64), String> {
         .filter_map(Value::as_f64)
         .fold(0.0, f64::max);
     Ok((worst, number(&run, "/metrics/tip_force_rms_n")?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The sentence of `run::friction`, as forcectl prints it.
+    #[test]
+    fn the_newest_settings_of_a_run_are_read_and_none_where_none_were_named() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(read_told(folder.path()), None);
+        let said = |text: &str| std::fs::write(folder.path().join(SAID), text).unwrap();
+        said("forcectl: fault 46, command at its limit\n");
+        assert_eq!(read_told(folder.path()), None);
+        said("with `coulomb_n = 1.35` and `tension_min_n = 2.6` the board\nforcectl: fault 15\n");
+        let told = ["1.35", "2.6"].map(str::to_owned);
+        assert_eq!(read_told(folder.path()), Some(told));
+    }
 }

@@ -25,12 +25,16 @@ pub enum Cost {
 pub fn cost(findings: &Findings) -> Option<Cost> {
     let (without, _) = findings.without?;
     let Some(before) = findings.worst.0 else {
-        // Without the correction the force is not held at all.
-        return Some(if findings.better {
-            Cost::WonBack
-        } else {
-            Cost::Left
-        });
+        // Without the correction the force is not held at all, and with the settings that the run
+        // names it may already be held as without the effect.
+        let after = findings.told.as_ref().and(findings.worst.1);
+        return Some(
+            if findings.better || after.is_some_and(|n| n < 1.1 * without) {
+                Cost::WonBack
+            } else {
+                Cost::Left
+            },
+        );
     };
     let cost = before - without;
     let won = findings.worst.1.map_or(0.0, |after| before - after);
@@ -128,8 +132,15 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) ->
     let surveyed = findings.surveyed.map_or(String::new(), |(worst, tip)| {
         format!("; after `calibrate geometry` {worst:.3}, {tip:.3}")
     });
+    let told = findings
+        .told
+        .as_ref()
+        .map_or(String::new(), |(told, before)| {
+            let before = before.map_or("-".to_owned(), |before| format!("{before:.3}"));
+            format!("with {told}, which the run names behind fault 15, {before}; ")
+        });
     let text = format!(
-        "| {seed} | {} | {named} | {true_value} | {found} | {} | {} | {} | {board}{surveyed} |\n",
+        "| {seed} | {} | {named} | {true_value} | {found} | {} | {} | {} | {told}{board}{surveyed} |\n",
         truth.words(),
         pair(findings.worst),
         pair(findings.tip),

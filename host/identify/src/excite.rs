@@ -71,7 +71,7 @@ pub fn excite(
         Ok(()) => {
             observer.progress(Phase::Disarm, 0.0);
             if let Err(error) = run::ramp_down_and_disarm(&mut session, &prepared.available) {
-                session.make_safe();
+                run::make_safe(&mut session, rig, observer);
                 return Err(error.into());
             }
             Ok(Recording {
@@ -82,7 +82,7 @@ pub fn excite(
             })
         }
         Err(error) => {
-            session.make_safe();
+            run::make_safe(&mut session, rig, observer);
             Err(error)
         }
     }

@@ -1,6 +1,9 @@
 //! The end of a run: tensions ramp down, then the board disarms.
 
+use crate::friction::tell_of_friction;
+use crate::phase::Observer;
 use control::SystemState;
+use rig::Rig;
 use session::{system_state_name, LatchedFault, Patience, Session, SessionError, PERIOD};
 use std::time::Duration;
 use wire::{Command, UNITS};
@@ -64,6 +67,13 @@ pub(crate) fn disarm(session: &mut Session<'_>) -> Result<(), SessionError> {
         controls.robot(false)?;
     }
     Ok(())
+}
+
+/// Sets the motors to 0 V as far as the link allows, behind an error, and says what a fault 15 may
+/// be.
+pub fn make_safe(session: &mut Session<'_>, rig: &Rig, observer: &mut dyn Observer) {
+    session.make_safe();
+    tell_of_friction(session, rig, observer);
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@
 //! | arm, tension, hold at 100 Hz: here setpoints are computed and sent | `hold` |
 //! | hold tensions instead of a force | `tension` |
 //! | ramp down and disarm | `disarm` |
+//! | a reel with more friction than is declared | `friction` |
 //! | whether the run did what was commanded | `quality` |
 //! | figures of all cycles, and the rows that are kept of them | `cycles` |
 //! | figures, faults, losses | `outcome` |
@@ -26,6 +27,7 @@ mod cycles;
 mod disarm;
 mod error;
 mod fault;
+mod friction;
 mod hold;
 mod options;
 mod outcome;
@@ -39,7 +41,7 @@ mod tension;
 mod tests;
 
 pub use checks::{fresh_pose, require_feasible, tell_of};
-pub use disarm::ramp_down_and_disarm;
+pub use disarm::{make_safe, ramp_down_and_disarm};
 pub use error::{ArgumentError, Fault, Infeasible, MovedZero, RunError, UnitLost};
 pub use fault::RunFault;
 pub use options::{Options, Zeroing};

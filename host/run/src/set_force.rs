@@ -3,6 +3,7 @@
 use crate::checks::{check_arguments, require_feasible};
 use crate::disarm::{disarm, ramp_down_and_disarm};
 use crate::error::RunError;
+use crate::friction::tell_of_friction;
 use crate::hold::Hold;
 use crate::options::{Options, PRETENSION_S, ROBOT_START_S};
 use crate::outcome::Outcome;
@@ -71,7 +72,7 @@ pub fn hold_force(
         ));
     }
     let prepared = ready_board(&mut session, rig, &options.zeroing, &options.stop, observer)?;
-    let mut hold = Hold::new(rig, options, observer, pose, injections, &prepared)?;
+    let mut hold = Hold::new(rig, options, &mut *observer, pose, injections, &prepared)?;
     let ended = (hold.run(&mut session)).map_err(|error| error.with_who(session.link()));
     let disarmed = match &ended {
         // The board is still driving as it should.
@@ -83,23 +84,19 @@ pub fn hold_force(
                 ramp_down_and_disarm(&mut session, hold.available())
             }
         }
-        Err(_) => {
-            session.make_safe();
-            Ok(())
-        }
+        Err(_) => Ok(()),
     };
-    if disarmed.is_err() {
-        session.make_safe();
-    }
     match ended.and_then(|interrupted| disarmed.map(|()| interrupted).map_err(Into::into)) {
         Ok(interrupted) => Ok(hold.outcome(&mut session, &prepared, interrupted, None)?),
         Err(error) => {
+            session.make_safe();
             let why = error.to_string();
             let outcome = hold.was_armed().then(|| {
                 hold.outcome(&mut session, &prepared, false, Some(&why))
                     .ok()
                     .map(Box::new)
             });
+            tell_of_friction(&mut session, rig, observer);
             Err(Stopped {
                 error,
                 outcome: outcome.flatten(),

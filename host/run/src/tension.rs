@@ -1,7 +1,7 @@
 //! Holding tensions: arm, hold zero force at least tension or given tensions, until it is ended.
 
 use crate::checks::{fresh_pose, require_feasible, require_zero_at, tell_of};
-use crate::disarm::ramp_down_and_disarm;
+use crate::disarm::{make_safe, ramp_down_and_disarm};
 use crate::error::{ArgumentError, Fault, RunError};
 use crate::options::Zeroing;
 use crate::phase::{begin, connect, Observer, Phase};
@@ -123,7 +123,7 @@ pub fn hold_tensions(
         Ok(held) => {
             begin(&mut session, observer, Phase::Disarm);
             if let Err(error) = ramp_down_and_disarm(&mut session, &prepared.available) {
-                session.make_safe();
+                make_safe(&mut session, rig, observer);
                 return Err(error.into());
             }
             observer.received(&session.drain());
@@ -131,7 +131,7 @@ pub fn hold_tensions(
         }
         Err(error) => {
             let error = error.with_who(session.link());
-            session.make_safe();
+            make_safe(&mut session, rig, observer);
             Err(error)
         }
     }
