@@ -56,8 +56,8 @@ impl Rig {
                 "a rig can't be kept under the name `{name}`: {why}; give another --name"
             )));
         }
+        self.listen.check()?;
         let reserved = serve::reserve(&name)?;
-        let tcp = self.listen.tcp()?;
         let _controlled_stop = context.interrupt.controlled_stop();
         let options = EmbeddedOptions {
             seed: self.seed,
@@ -93,7 +93,7 @@ impl Rig {
             name,
             rig_file: (text.name, text.text),
             terminal: true,
-            tcp,
+            tcp: self.listen.tcp()?,
             reopen: None,
             store: None,
             idle_end: None,

@@ -66,29 +66,40 @@ impl Listen {
         Ok(Some((address, token(file)?)))
     }
 
+    /// The token of the page: that of the file, or one of its own where the page listens beyond this
+    /// machine.
+    #[cfg(feature = "web")]
+    fn page_token(&self, address: SocketAddr) -> Result<Option<String>> {
+        let Some(file) = &self.web_token_file else {
+            let made = (!address.ip().is_loopback()).then(web::make_token);
+            return made.transpose().map_err(|error| no_page(address, &error));
+        };
+        let token = token(file)?;
+        if !token.bytes().all(|b| b.is_ascii_alphanumeric()) {
+            return Err(Failure::usage(format!(
+                "{}: the token of a page stands in its link: letters and digits only",
+                file.display()
+            )));
+        }
+        Ok(Some(token))
+    }
+
+    /// Reads what the listeners need, before anything is opened.
+    pub fn check(&self) -> Result<()> {
+        self.tcp()?;
+        #[cfg(feature = "web")]
+        if let Some(address) = self.web {
+            self.page_token(address)?;
+        }
+        Ok(())
+    }
+
     /// Starts the page of a rig, where it is wanted: the link to it.
     fn page(&self, name: &str, socket: &Path) -> Result<Option<String>> {
         #[cfg(feature = "web")]
         if let Some(address) = self.web {
-            let failed = |error: std::io::Error| {
-                Failure::new(
-                    exit::LINK,
-                    format!("the page at {address}: {error}; --web=ADDRESS:PORT takes another"),
-                )
-            };
-            let made = |open: bool| (!open).then(web::make_token).transpose().map_err(failed);
-            let token = match &self.web_token_file {
-                Some(file) => Some(token(file)?),
-                None => made(address.ip().is_loopback())?,
-            };
-            if token
-                .as_ref()
-                .is_some_and(|token| !token.bytes().all(|b| b.is_ascii_alphanumeric()))
-            {
-                return Err(Failure::usage(
-                    "the token of a page stands in its link: letters and digits only",
-                ));
-            }
+            let failed = |error: std::io::Error| no_page(address, &error);
+            let token = self.page_token(address)?;
             let options = web::WebOptions {
                 address,
                 token,
@@ -101,6 +112,14 @@ impl Listen {
         let _ = (name, socket);
         Ok(None)
     }
+}
+
+#[cfg(feature = "web")]
+fn no_page(address: SocketAddr, error: &std::io::Error) -> Failure {
+    Failure::new(
+        exit::LINK,
+        format!("the page at {address}: {error}; --web=ADDRESS:PORT takes another"),
+    )
 }
 
 /// The token in a file.
@@ -163,6 +182,7 @@ impl Serve {
                 ))
             }
         };
+        self.listen.check()?;
         let _controlled_stop = context.interrupt.controlled_stop();
         let open = move || link::open(&port, &EmbeddedOptions::default());
         // The link first: who finds the socket finds a service that has its link. A second service

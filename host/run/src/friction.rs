@@ -73,9 +73,12 @@ fn held_at_fault(status: &Status) -> Option<(usize, f64)> {
 /// with which settings the board takes that for friction, where fault 15 may be that.
 ///
 /// The rig is at 0 V. A link that is lost says nothing.
-pub(crate) fn tell_of_friction(session: &mut Session<'_>, rig: &Rig, observer: &mut dyn Observer) {
-    let faulted = |status: &Status| LatchedFault::all_of(status).next().is_some();
-    if !session.get_status().is_ok_and(|status| faulted(&status)) {
+pub fn tell_of_friction(session: &mut Session<'_>, rig: &Rig, observer: &mut dyn Observer) {
+    // Behind a unit's own fault it may still come.
+    let stuck =
+        |fault: LatchedFault| fault.unit.is_some() || fault.code == Fault::OutputStuck.code();
+    let may_be = |status: &Status| LatchedFault::all_of(status).any(stuck);
+    if !session.get_status().is_ok_and(|status| may_be(&status)) {
         return;
     }
     let Ok(status) = (session.exchange(POWER_GONE)).and_then(|()| session.get_status()) else {
@@ -109,7 +112,7 @@ fn words(unit: &UnitSettings, held_n: f64, now_n: f64) -> String {
              `tension_min_n = {tension_min_n:.1}` the board takes this for friction, and `forcectl identify` finds its value",
             unit.held_by_friction_n()
         ),
-        None => "the reel or its cable is caught".to_owned(),
+        None => "something else pulls the cable, or the reel or its cable is caught".to_owned(),
     };
     format!(
         "{seen} Switch the amplifiers' supply off, and look at `forcectl status`. If the tension goes, the output is stuck and \

@@ -44,6 +44,7 @@ pub use checks::{fresh_pose, require_feasible, tell_of};
 pub use disarm::{make_safe, ramp_down_and_disarm};
 pub use error::{ArgumentError, Fault, Infeasible, MovedZero, RunError, UnitLost};
 pub use fault::RunFault;
+pub use friction::tell_of_friction;
 pub use options::{Options, Zeroing};
 pub use outcome::{Ended, LatencyMs, Outcome};
 pub use phase::{begin, connect, NoopObserver, Observer, Phase};

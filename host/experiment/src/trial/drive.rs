@@ -13,7 +13,9 @@ use nalgebra::Vector3;
 use robot::source::SourceConfig;
 use robot::state::{Acts, Frame, Meaning, Operating, TipForce};
 use robot::watch::Event;
-use run::{ramp_down_and_disarm, ready_board, Observer, Phase, Prepared, RunError};
+use run::{
+    ramp_down_and_disarm, ready_board, tell_of_friction, Observer, Phase, Prepared, RunError,
+};
 use session::link::RigLink;
 use session::{Session, PERIOD};
 use std::sync::atomic::Ordering;
@@ -95,6 +97,10 @@ impl Run<'_> {
             joiner.join(self.now_board_s, true);
         }
         self.shown.counts.link(session.counters());
+        // Its wait belongs to no row.
+        if !self.shown.disarmed {
+            tell_of_friction(&mut session, setup.rig, &mut self.log);
+        }
         ended
     }
 
