@@ -72,6 +72,14 @@ fn friction_is_named_in_a_closed_loop() {
     assert_eq!(o.class, Class::Right, "{:?} {:?}", o.verdict, o.named);
 }
 
+/// The noise of the reading is in the command of a closed loop. The history of the load explains a
+/// few hundredths more than a clock that gains does, and was taken for its law.
+#[test]
+fn a_clock_that_gains_is_named_in_a_closed_loop() {
+    let o = outcome(Group::Closed, &[Kind::ClockSkew], 1.0);
+    assert_eq!(o.class, Class::Right, "{:?} {:?}", o.verdict, o.named);
+}
+
 /// Over a short arc, with both joints together, a line over the pose took the place of the weight.
 #[test]
 fn a_joint_that_swings_over_a_short_arc_has_friction_and_a_weight() {

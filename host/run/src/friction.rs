@@ -38,21 +38,20 @@ struct Carried {
     tension_min_n: f64,
 }
 
+/// What a cable must come down to after 0 V, N, with this `coulomb_n`: as the board has it.
+fn let_go_n(unit: &UnitSettings, coulomb_n: f64) -> f64 {
+    let with = UnitSettings { coulomb_n, ..*unit };
+    Model::new(&with.to_wire()).let_go().to_f64()
+}
+
 /// The least settings with which the board takes `held_n` at 0 V for friction; `None` where that
 /// is more than friction is taken to be.
 fn carried(unit: &UnitSettings, held_n: f64) -> Option<Carried> {
-    let let_go_n = |coulomb_n: f64| {
-        let more = UnitSettings {
-            coulomb_n,
-            ..unit.clone()
-        };
-        Model::new(&more.to_wire()).let_go().to_f64()
-    };
     let steps = (MOST_N / STEP_N) as u32;
     let first = (unit.coulomb_n / STEP_N).ceil();
     let coulomb_n = core::iter::once(unit.coulomb_n)
         .chain((0..steps).map(|k| (first + f64::from(k)) * STEP_N))
-        .find(|coulomb_n| let_go_n(*coulomb_n) > BEYOND * held_n)?;
+        .find(|coulomb_n| let_go_n(unit, *coulomb_n) > BEYOND * held_n)?;
     let tension_min_n = (10.0 * (held_n + ABOVE_N)).ceil() / 10.0;
     Some(Carried {
         coulomb_n,
@@ -94,13 +93,12 @@ pub fn tell_of_friction(session: &mut Session<'_>, rig: &Rig, observer: &mut dyn
 
 /// What was seen, what it can be, and what to do.
 fn words(unit: &UnitSettings, held_n: f64, now_n: f64) -> String {
-    let let_go_n = Model::new(&unit.to_wire()).let_go().to_f64();
     let seen = format!(
         "unit {}: its cable held {held_n:.2} N at 0 V, and holds {now_n:.2} N half a second after the board took the amplifiers' \
          power away.",
         unit.number
     );
-    if now_n < let_go_n {
+    if now_n < let_go_n(unit, unit.coulomb_n) {
         return format!("{seen} Its motor pulled until then, or the robot has come nearer since");
     }
     let friction = match carried(unit, held_n.max(now_n)) {
@@ -129,13 +127,7 @@ mod tests {
     #[test]
     fn the_proposed_settings_are_the_least_that_the_board_takes_for_friction() {
         for unit in &Rig::built_in().unwrap().units {
-            let with = |coulomb_n| {
-                let more = UnitSettings {
-                    coulomb_n,
-                    ..unit.clone()
-                };
-                Model::new(&more.to_wire()).let_go().to_f64()
-            };
+            let with = |coulomb_n| let_go_n(unit, coulomb_n);
             assert_eq!(carried(unit, 1.5).unwrap().coulomb_n, unit.coulomb_n);
             for held_n in [1.8, 2.24, 3.0, 4.0] {
                 let proposed = carried(unit, held_n).unwrap();
