@@ -66,8 +66,8 @@ impl Listen {
         Ok(Some((address, token(file)?)))
     }
 
-    /// The token of the page: that of the file, or one of its own where the page listens beyond this
-    /// machine.
+    /// The token of the page: that of the file, or one of its own where the page listens beyond
+    /// this machine.
     #[cfg(feature = "web")]
     fn page_token(&self, address: SocketAddr) -> Result<Option<String>> {
         let Some(file) = &self.web_token_file else {

@@ -13,9 +13,9 @@ use session::{LatchedFault, Session};
 use std::time::Duration;
 use wire::message::Status;
 
-/// Time after a fault in which fault 15 comes behind it ([`LET_GO_US`], from the end of the DAC's and
-/// the filter's delay), alive line, PLC and relay take the power away (10 ms and the relay's), and
-/// cable, converter and filter settle for half a second.
+/// Time after a fault in which fault 15 comes behind it ([`LET_GO_US`], from the end of the DAC's
+/// and the filter's delay), alive line, PLC and relay take the power away (10 ms and the relay's),
+/// and cable, converter and filter settle for half a second.
 ///
 /// [`LET_GO_US`]: control::let_go::LET_GO_US
 const POWER_GONE: Duration = Duration::from_millis(600);
