@@ -118,6 +118,13 @@ impl<'s> Rows<'s> {
         acceptance.accepts(&found).then_some(found)
     }
 
+    /// Whether names are a straight line over an expression, to [`LACK`] of what they explain. A
+    /// curve over a range to one side of zero that predicts as well is no plainer.
+    fn is_line(&self, over: &str, without: &Fitted, names: &Fitted) -> bool {
+        let explained = without.squares() - names.squares();
+        self.fall(&nameless::line(over), without) > (1.0 - LACK) * explained
+    }
+
     /// The curve over an expression with no more than `parameters` that predicts best in the place
     /// of names, in words, if `names` do not predict better.
     fn law(
@@ -206,7 +213,10 @@ pub(super) fn names_of_another_law(
                 let own: usize = names.iter().map(|i| chosen[*i].parameters()).sum();
                 let own = own + another.map_or(0, |(_, c)| c.parameters);
                 let with = another.map_or(&all, |(with, _)| with);
-                rows.law(over, own, &without, with)
+                match rows.is_line(over, &without, with) {
+                    true => None,
+                    false => rows.law(over, own, &without, with),
+                }
             }
             _ => None,
         };

@@ -164,6 +164,11 @@ pub fn laws(ctx: &Context, e: &str) -> Vec<Offer<Nameless>> {
     out
 }
 
+/// A straight line with its constant, the plainest curve.
+pub fn line(e: &str) -> Offer<Nameless> {
+    law("a line", vec![], vec!["1".into(), e.into()])
+}
+
 /// A law from its terms, in which `#` stands for the nonlinear parameter, and the values of that;
 /// without any it has none.
 fn law(what: &str, grid: Vec<f64>, texts: Vec<String>) -> Offer<Nameless> {
