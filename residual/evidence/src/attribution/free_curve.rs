@@ -6,7 +6,7 @@ use crate::leftover::nameless::{self, Nameless};
 use crate::leftover::STAND_IN;
 use residual_columns::error::Error;
 use residual_columns::format::num;
-use residual_effects::Build;
+use residual_effects::{Build, EffectKind};
 use residual_fit::problem::Problem;
 use residual_log::spec::Spec;
 use residual_search::model::{Chosen, Fit, Fitted, Model};
@@ -30,6 +30,17 @@ const STANDS_FOR: f64 = 0.7;
 /// Standard errors, by block, by which names must predict better than one curve. With more a spring
 /// and a weight that swings by 2.6 rad to both sides, which had 4, might not be told apart.
 const BETTER: f64 = 1.0;
+
+/// Effects that may be a straight line together: a square, where it is small.
+const LINES: [EffectKind; 7] = [
+    EffectKind::Offset,
+    EffectKind::Gain,
+    EffectKind::Quadratic,
+    EffectKind::Viscous,
+    EffectKind::Crosstalk,
+    EffectKind::DriftTime,
+    EffectKind::DriftTemperature,
+];
 
 /// The rows on which forms are compared: windows where there are many.
 struct Rows<'s> {
@@ -213,7 +224,10 @@ pub(super) fn names_of_another_law(
                 let own: usize = names.iter().map(|i| chosen[*i].parameters()).sum();
                 let own = own + another.map_or(0, |(_, c)| c.parameters);
                 let with = another.map_or(&all, |(with, _)| with);
-                match rows.is_line(over, &without, with) {
+                let lines = names.iter().map(|i| &chosen[*i].effect);
+                let mut lines = lines.chain(another.map(|(_, c)| &c.origin));
+                match lines.all(|e| LINES.contains(&e.kind())) && rows.is_line(over, &without, with)
+                {
                     true => None,
                     false => rows.law(over, own, &without, with),
                 }
