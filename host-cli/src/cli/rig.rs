@@ -56,7 +56,7 @@ impl Rig {
                 "a rig can't be kept under the name `{name}`: {why}; give another --name"
             )));
         }
-        self.listen.check()?;
+        let mut tokens = self.listen.tokens()?;
         let reserved = serve::reserve(&name)?;
         let _controlled_stop = context.interrupt.controlled_stop();
         let options = EmbeddedOptions {
@@ -93,13 +93,13 @@ impl Rig {
             name,
             rig_file: (text.name, text.text),
             terminal: true,
-            tcp: self.listen.tcp()?,
+            tcp: tokens.tcp.take(),
             reopen: None,
             store: None,
             idle_end: None,
             lockstep: self.wait,
             stop,
         };
-        serve::run(link, listening, options, &self.listen, context)
+        serve::run(link, listening, options, (&self.listen, tokens), context)
     }
 }

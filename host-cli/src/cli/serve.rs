@@ -57,15 +57,16 @@ fn name(text: &str) -> std::result::Result<String, String> {
         .map(|_| text.to_owned())
 }
 
-impl Listen {
+/// Tokens that clients have to give.
+pub struct Tokens {
     /// The TCP address and its token.
-    pub fn tcp(&self) -> Result<Option<(SocketAddr, String)>> {
-        let (Some(address), Some(file)) = (self.tcp, &self.token_file) else {
-            return Ok(None);
-        };
-        Ok(Some((address, token(file)?)))
-    }
+    pub tcp: Option<(SocketAddr, String)>,
+    /// The token of the page.
+    #[cfg(feature = "web")]
+    page: Option<String>,
+}
 
+impl Listen {
     /// The token of the page: that of the file, or one of its own where the page listens beyond
     /// this machine.
     #[cfg(feature = "web")]
@@ -84,32 +85,39 @@ impl Listen {
         Ok(Some(token))
     }
 
-    /// Reads what the listeners need, before anything is opened.
-    pub fn check(&self) -> Result<()> {
-        self.tcp()?;
+    /// Reads what the listeners need, before anything is opened. Once: a token may come from a pipe.
+    pub fn tokens(&self) -> Result<Tokens> {
+        let tcp = match (self.tcp, &self.token_file) {
+            (Some(address), Some(file)) => Some((address, token(file)?)),
+            _ => None,
+        };
         #[cfg(feature = "web")]
-        if let Some(address) = self.web {
-            self.page_token(address)?;
-        }
-        Ok(())
+        let page = match self.web {
+            Some(address) => self.page_token(address)?,
+            None => None,
+        };
+        Ok(Tokens {
+            tcp,
+            #[cfg(feature = "web")]
+            page,
+        })
     }
 
     /// Starts the page of a rig, where it is wanted: the link to it.
-    fn page(&self, name: &str, socket: &Path) -> Result<Option<String>> {
+    fn page(&self, tokens: Tokens, name: &str, socket: &Path) -> Result<Option<String>> {
         #[cfg(feature = "web")]
         if let Some(address) = self.web {
             let failed = |error: std::io::Error| no_page(address, &error);
-            let token = self.page_token(address)?;
             let options = web::WebOptions {
                 address,
-                token,
+                token: tokens.page,
                 socket: socket.to_owned(),
                 program: std::env::current_exe().map_err(failed)?,
                 link: format!("rig:{name}"),
             };
             return web::start(options).map(Some).map_err(failed);
         }
-        let _ = (name, socket);
+        let _ = (tokens, name, socket);
         Ok(None)
     }
 }
@@ -182,7 +190,7 @@ impl Serve {
                 ))
             }
         };
-        self.listen.check()?;
+        let mut tokens = self.listen.tokens()?;
         let _controlled_stop = context.interrupt.controlled_stop();
         let open = move || link::open(&port, &EmbeddedOptions::default());
         // The link first: who finds the socket finds a service that has its link. A second service
@@ -196,14 +204,14 @@ impl Serve {
             name,
             rig_file: (text.name, text.text),
             terminal: self.pty,
-            tcp: self.listen.tcp()?,
+            tcp: tokens.tcp.take(),
             reopen: Some(Box::new(open)),
             store: None,
             idle_end: self.on_demand.then_some(IDLE_END),
             lockstep: false,
             stop: context.interrupt.flag(),
         };
-        run(link, listening, options, &self.listen, context)
+        run(link, listening, options, (&self.listen, tokens), context)
     }
 }
 
@@ -232,12 +240,12 @@ pub fn run(
     link: Box<dyn RigLink>,
     listening: Listening,
     options: ServeOptions,
-    listen: &Listen,
+    (listen, tokens): (&Listen, Tokens),
     context: &Context,
 ) -> Result<Reply> {
     let name = options.name.clone();
     let what = link.name();
-    let page = listen.page(&name, listening.path())?;
+    let page = listen.page(tokens, &name, listening.path())?;
     serve(link, listening, options, |addresses| {
         let text = announcement(&name, &what, addresses, page.as_deref());
         context.output.note(&text);
