@@ -4,10 +4,9 @@
 //! them the test says so and checks nothing.
 #![cfg(feature = "networks")]
 
-use std::{
-    path::PathBuf,
-    process::{Command, Stdio},
-};
+mod python;
+
+use std::process::Command;
 
 use estimator::{
     model::Model,
@@ -44,22 +43,6 @@ for result in forces:
     print(' '.join(f'{value:.9g}' for value in result.ravel()))
 ";
 
-fn python() -> Option<PathBuf> {
-    let python = std::env::var_os("FORCE_PYTHON").map_or_else(|| "python3".into(), PathBuf::from);
-    let found = Command::new(&python)
-        .args(["-c", "import onnxruntime, numpy"])
-        .stderr(Stdio::null())
-        .status();
-    let there = found.is_ok_and(|status| status.success());
-    if !there {
-        println!(
-            "skipped: {} has not all of onnxruntime, numpy",
-            python.display()
-        );
-    }
-    there.then_some(python)
-}
-
 fn sequence(trial: usize, rows: usize) -> Sequence {
     let wave = |row: usize, at: usize| ((row * (at + 3) + 17 * trial) as f32 * 0.05).sin();
     Sequence {
@@ -79,7 +62,9 @@ fn sequence(trial: usize, rows: usize) -> Sequence {
 
 #[test]
 fn onnxruntime_gives_the_same_forces() {
-    let Some(python) = python() else { return };
+    let Some(python) = python::python("onnxruntime, numpy") else {
+        return;
+    };
     let unseen = sequence(2, 80);
     for kind in [
         Kind::Mlp,
@@ -122,12 +107,7 @@ fn onnxruntime_gives_the_same_forces() {
         network
             .write_onnx(&folder.path().join("model.onnx"))
             .expect("a file");
-        let bytes: Vec<u8> = unseen
-            .input
-            .iter()
-            .flat_map(|value| value.to_le_bytes())
-            .collect();
-        std::fs::write(folder.path().join("input.f32"), bytes).expect("a file");
+        python::write(folder.path(), "input.f32", &unseen.input);
         let output = Command::new(&python)
             .args(["-c", SCRIPT])
             .arg(folder.path())

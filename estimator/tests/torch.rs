@@ -5,10 +5,9 @@
 //! of `FORCE_PYTHON`, else `python3`. Without it the test says so and checks nothing.
 #![cfg(feature = "networks")]
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, Stdio},
-};
+mod python;
+
+use std::{path::Path, process::Command};
 
 use estimator::{
     model::Model,
@@ -117,19 +116,6 @@ with torch.no_grad():
 print(*(f'{value:.9g}' for value in forces.flatten().tolist()))
 ";
 
-fn python() -> Option<PathBuf> {
-    let python = std::env::var_os("FORCE_PYTHON").map_or_else(|| "python3".into(), PathBuf::from);
-    let found = Command::new(&python)
-        .args(["-c", "import torch"])
-        .stderr(Stdio::null())
-        .status();
-    let there = found.is_ok_and(|status| status.success());
-    if !there {
-        println!("skipped: {} has no torch", python.display());
-    }
-    there.then_some(python)
-}
-
 /// Two forces of three inputs, one of which acts later.
 fn sequence(rows: usize) -> Sequence {
     let wave = |row: usize, at: usize| ((row * (at + 3) + 17) as f32 * 0.05).sin();
@@ -151,24 +137,16 @@ fn sequence(rows: usize) -> Sequence {
     }
 }
 
-fn write(folder: &Path, name: &str, values: &[f32]) {
-    let bytes: Vec<u8> = values
-        .iter()
-        .flat_map(|value| value.to_le_bytes())
-        .collect();
-    std::fs::write(folder.join(name), bytes).expect("a file");
-}
-
 /// Forces by PyTorch of the rows whose window is whole.
-fn by_torch(python: &Path, start: &Network, config: &Config, data: &Sequence) -> Vec<f32> {
+fn by_torch(program: &Path, start: &Network, config: &Config, data: &Sequence) -> Vec<f32> {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("start.safetensors");
     std::fs::write(file, start.to_bytes()).expect("a file");
-    write(folder.path(), "input.f32", &data.input);
-    write(folder.path(), "target.f32", &data.target);
+    python::write(folder.path(), "input.f32", &data.input);
+    python::write(folder.path(), "target.f32", &data.target);
     let kind = format!("{:?}", config.kind).to_lowercase();
     let loss = format!("{:?}", config.loss).to_lowercase();
-    let output = Command::new(python)
+    let output = Command::new(program)
         .args(["-c", SCRIPT])
         .arg(folder.path())
         .args([kind, config.window.to_string(), config.epochs.to_string()])
@@ -184,7 +162,9 @@ fn by_torch(python: &Path, start: &Network, config: &Config, data: &Sequence) ->
 
 #[test]
 fn pytorch_gives_the_same_networks_after_as_many_epochs() {
-    let Some(python) = python() else { return };
+    let Some(python) = python::python("torch") else {
+        return;
+    };
     let data = sequence(240);
     for (kind, batch_norm, loss) in [
         (Kind::Mlp, false, Loss::Squared),

@@ -276,6 +276,18 @@ mod tests {
         let findings = read(&truth, &stopped).unwrap();
         let (text, gained) = row(seed, &truth, &Ok(findings));
         assert!(gained && text.contains("fault 45 -> 0.100"), "{text}");
+        // Settings that a run names may carry it by themselves.
+        let mut told = read(&truth, &stopped).unwrap();
+        told.better = false;
+        told.without = Some((0.095, 0.05));
+        assert_eq!(cost(&told), Some(Cost::Left));
+        told.told = Some(("`coulomb_n = 1.35`".to_owned(), told.worst.1));
+        assert_eq!(cost(&told), Some(Cost::WonBack));
+        let (text, gained) = row(seed, &truth, &Ok(told));
+        assert!(
+            !gained && text.contains("| with `coulomb_n = 1.35`, which"),
+            "{text}"
+        );
         let (text, gained) = row(seed, &truth, &Err(NoFindings::Stopped));
         assert!(!gained && text.contains("stopped by fault 45"), "{text}");
         let (text, gained) = row(seed, &truth, &Err("no rig".to_owned().into()));

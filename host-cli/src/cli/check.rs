@@ -5,14 +5,10 @@ use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
 use force::feasibility;
-use rig::{self, Rig};
+use rig::{self, Rig, UnitSettings};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
-
-/// Tension past the setpoint with which a command at zero counts as too much, N
-/// (`control/src/plausible.rs`).
-const AT_LIMIT_N: f64 = 0.3;
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]
@@ -58,11 +54,9 @@ impl Check {
             found.poses
         );
         let held_n = rig.units.map(|unit| unit.held_by_friction_n());
-        let too_much = rig
-            .units
-            .iter()
-            .zip(held_n)
-            .filter(|(unit, held_n)| unit.enabled && *held_n > unit.tension_min_n + AT_LIMIT_N);
+        let too_much = rig.units.iter().zip(held_n).filter(|(unit, held_n)| {
+            unit.enabled && *held_n > unit.tension_min_n + UnitSettings::AT_LIMIT_N
+        });
         for (unit, held_n) in too_much {
             row!(
                 text,

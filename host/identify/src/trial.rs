@@ -20,8 +20,6 @@ const REST: Duration = Duration::from_secs(1);
 /// Time in which a robot that moves lets a tight cable go: half of the embedded robot's slowest
 /// period.
 const CLEAR_TIMEOUT: Duration = Duration::from_secs(10);
-/// Bits 23 to 0 of the detail of a fault 15 whose unit has no tension that is believed.
-const TENSION_UNKNOWN: u32 = 0xFF_FFFF;
 
 /// A session in which a force was held.
 #[derive(Debug)]
@@ -164,13 +162,12 @@ pub(super) fn of_a_swing(code: u16, detail: u32) -> bool {
 /// a fault 15 without a tension.
 pub(super) fn other_fault(status: &Status) -> Option<LatchedFault> {
     let doubted = |unit: &UnitStatus| unit.fault == control::Fault::Implausible.code();
-    let unseen = |detail: u32| {
-        let unit = (detail >> 24).checked_sub(1).map(|n| n as usize);
-        let unit = unit.and_then(|n| status.units.get(n));
-        unit.is_some_and(doubted) && detail & TENSION_UNKNOWN == TENSION_UNKNOWN
+    let unseen = |fault: &LatchedFault| {
+        let stuck = fault.output_stuck().filter(|(_, left)| left.is_none());
+        stuck.is_some_and(|(n, _)| status.units.get(n).is_some_and(doubted))
     };
     LatchedFault::all_of(status).find(|fault| match fault.unit {
-        None => fault.code != control::Fault::OutputStuck.code() || !unseen(fault.detail),
+        None => !unseen(fault),
         Some(_) => !of_a_swing(fault.code, fault.detail),
     })
 }

@@ -278,6 +278,10 @@ impl RippleSettings {
 }
 
 impl UnitSettings {
+    /// Tension past the setpoint with which a command at zero counts as too much, N
+    /// (`control/src/plausible.rs`).
+    pub const AT_LIMIT_N: f64 = 0.3;
+
     /// Tension that friction holds at a command of zero while the robot pulls the cable out, N. A
     /// motor can't push: no setpoint below it is reached then.
     #[must_use]

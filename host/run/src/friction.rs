@@ -27,10 +27,6 @@ const STEP_N: f64 = 0.05;
 /// Most friction that is proposed beyond the declared one, N: what `identify` corrects at most. A
 /// cable that is held by more is caught somewhere.
 const MOST_N: f64 = 2.0;
-/// How far the least setpoint is to be above what friction holds, N: the tension above its setpoint
-/// from which the board gives a unit up whose command is zero (fault 46).
-const ABOVE_N: f64 = 0.3;
-
 /// Settings that carry a tension which friction holds at 0 V.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Carried {
@@ -52,20 +48,11 @@ fn carried(unit: &UnitSettings, held_n: f64) -> Option<Carried> {
     let coulomb_n = core::iter::once(unit.coulomb_n)
         .chain((0..steps).map(|k| (first + f64::from(k)) * STEP_N))
         .find(|coulomb_n| let_go_n(unit, *coulomb_n) > BEYOND * held_n)?;
-    let tension_min_n = (10.0 * (held_n + ABOVE_N)).ceil() / 10.0;
+    let tension_min_n = (10.0 * (held_n + UnitSettings::AT_LIMIT_N)).ceil() / 10.0;
     Some(Carried {
         coulomb_n,
         tension_min_n: tension_min_n.max(unit.tension_min_n),
     })
-}
-
-/// The unit (from 0) and its tension, N, of a fault 15 that a tension showed.
-fn held_at_fault(status: &Status) -> Option<(usize, f64)> {
-    let fault =
-        LatchedFault::all_of(status).find(|fault| fault.code == Fault::OutputStuck.code())?;
-    let unit = usize::try_from(fault.detail >> 24).ok()?.checked_sub(1)?;
-    let left_mn = fault.detail & 0xFF_FFFF;
-    (left_mn != 0xFF_FFFF).then(|| (unit, f64::from(left_mn) * 1e-3))
 }
 
 /// After a run that a fault ended: says what a cable holds once the amplifiers have no power, and
@@ -83,7 +70,8 @@ pub fn tell_of_friction(session: &mut Session<'_>, rig: &Rig, observer: &mut dyn
     let Ok(status) = (session.exchange(POWER_GONE)).and_then(|()| session.get_status()) else {
         return;
     };
-    if let Some((i, held_n)) = held_at_fault(&status) {
+    let held = LatchedFault::all_of(&status).find_map(|fault| fault.output_stuck());
+    if let Some((i, Some(held_n))) = held {
         if let Some(unit) = rig.units.get(i) {
             let now_n = f64::from(status.units[i].tension_un) * 1e-6;
             observer.notice(&words(unit, held_n, now_n));

@@ -74,6 +74,16 @@ impl LatchedFault {
         Self::new(status.fault, status.fault_detail)
     }
 
+    /// Of a fault 15 that names its unit: the unit, from 0, and the tension that was left, N; `None`
+    /// in it where no tension that is believed showed it. As [`control::let_go::LetGo::detail`].
+    #[must_use]
+    pub fn output_stuck(&self) -> Option<(usize, Option<f64>)> {
+        let unit = (self.detail >> 24).checked_sub(1)? as usize;
+        let left_mn = self.detail & 0xFF_FFFF;
+        let left_n = (left_mn != 0xFF_FFFF).then(|| f64::from(left_mn) * 1e-3);
+        (self.code == Fault::OutputStuck.code()).then_some((unit, left_n))
+    }
+
     /// All that a status names: the board's, then those of the units.
     pub fn all_of(status: &Status) -> impl Iterator<Item = Self> + '_ {
         let board = core::iter::once(Self::of_board(status));
