@@ -85,7 +85,8 @@ impl Listen {
         Ok(Some(token))
     }
 
-    /// Reads what the listeners need, before anything is opened. Once: a token may come from a pipe.
+    /// Reads what the listeners need, before anything is opened. Once: a token may come from a
+    /// pipe.
     pub fn tokens(&self) -> Result<Tokens> {
         let tcp = match (self.tcp, &self.token_file) {
             (Some(address), Some(file)) => Some((address, token(file)?)),

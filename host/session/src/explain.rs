@@ -74,8 +74,9 @@ impl LatchedFault {
         Self::new(status.fault, status.fault_detail)
     }
 
-    /// Of a fault 15 that names its unit: the unit, from 0, and the tension that was left, N; `None`
-    /// in it where no tension that is believed showed it. As [`control::let_go::LetGo::detail`].
+    /// Of a fault 15 that names its unit: the unit, from 0, and the tension that was left, N;
+    /// `None` in it where no tension that is believed showed it. As
+    /// [`control::let_go::LetGo::detail`].
     #[must_use]
     pub fn output_stuck(&self) -> Option<(usize, Option<f64>)> {
         let unit = (self.detail >> 24).checked_sub(1)? as usize;
