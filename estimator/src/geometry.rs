@@ -109,12 +109,12 @@ impl Base {
         self.matrix() * position_jacobian(&[q[0], q[1], q[2], 0.0, 0.0, 0.0])
     }
 
-    /// Size of what of a force on the tip is across the tool's shaft, N.
+    /// What of a force on the tip is across the tool's shaft, N.
     #[must_use]
-    pub fn lateral_n(&self, q: [f64; 3], force: &Vector3<f64>) -> f64 {
+    pub fn across(&self, q: [f64; 3], force: &Vector3<f64>) -> Vector3<f64> {
         // The insertion moves the tip along the shaft, by as much.
         let shaft = self.jacobian(q).column(2).into_owned();
-        (force - shaft * shaft.dot(force)).norm()
+        force - shaft * shaft.dot(force)
     }
 
     /// Torque at the motors (joints' units) per force on the tip: row i is motor i.

@@ -58,7 +58,9 @@ const GRAVITY: usize = 14;
 pub const REGRESSORS: usize =
     GRAVITY + 3 + 3 + 3 + 1 + 2 * STOPS + 6 + 3 + 3 + 16 + LEVELS * SHARES.len() + 2;
 /// Places of the friction of the tool in its guide.
-const GUIDE: core::ops::Range<usize> = REGRESSORS - 2..REGRESSORS;
+const GUIDE: core::ops::Range<usize> = REGRESSORS - GUIDE_LINKS.len()..REGRESSORS;
+/// Links that rub there: link 3, without and with the stretch of the cables.
+const GUIDE_LINKS: [usize; 2] = [1, 3];
 /// What the guide's friction must take off the squared error of the insertion's balance in parts of
 /// the training that were left out, share. A choice: far above what chance takes off, and of little
 /// cost where it is wrong. A training whose force is always as large does not show it.
@@ -241,9 +243,15 @@ pub fn regressors(m: &Moment, i: usize, coulomb: f64, row: &mut Vec<f64>) {
         let load = (m.torque[i] - share * coulomb * direction).abs();
         row.extend((0..LEVELS).map(|level| m.motor_stop(i, level) * load));
     }
-    // The tool's shaft rubs in its guide as hard as the force across it presses: link 3, without
-    // and with the stretch of the cables.
-    row.extend([1, 3].map(|link| m.link_stop(link, MIDDLE) * m.lateral_n));
+    // The tool's shaft rubs in its guide as hard as the force across it presses.
+    row.extend(GUIDE_LINKS.map(|link| m.link_stop(link, MIDDLE) * m.lateral_n));
+}
+
+/// Friction of the tool in its guide per force across its shaft, as the weights of a motor's fit
+/// have it now.
+fn guide(weights: &[f64], m: &Moment) -> f64 {
+    let stops = GUIDE_LINKS.map(|link| m.link_stop(link, MIDDLE));
+    weights[GUIDE].iter().zip(stops).map(|(w, x)| w * x).sum()
 }
 
 /// Rows that fits and figures leave out at the start of a sequence: [`SETTLE_S`].
@@ -279,7 +287,7 @@ fn visit<T: Send>(
             for k in 0..sequence.rows() {
                 let input = sequence.input_row(k);
                 let force = force_of(sequence.target_row(k));
-                motion.lateral(base.lateral_n(joints_of(input), &force));
+                motion.lateral(base.across(joints_of(input), &force).norm());
                 let moment = motion.step(input);
                 let contact = base.at_motors(moment.joints) * force;
                 let contact = Vector3::from_fn(|i, _| filters[i].step(contact[i]));
