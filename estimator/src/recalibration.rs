@@ -12,10 +12,12 @@
 //! prior. Neighbouring rows have the same error, so each counts by the time between them over that
 //! in which errors are alike.
 //!
-//! A torque that comes and goes shows as an offset that moves within the minute. Where it moves,
-//! force and torque are told apart under load: see [`crate::wander`]. All other changes that are
-//! followed while a force is on the tool were tried, with a filter that has the force and the
-//! changes as states. At this arm it took slow forces for offsets: see docs/estimation.md.
+//! A torque that comes and goes shows as an offset that moves within the minute, and friction that
+//! warms as friction that does. Each change may be there or not: the result is the mean over all
+//! choices, weighted by how well they explain the minute. A torque that may come and go is told
+//! from the force under load, as far as it may be there: see [`crate::wander`]. All other changes
+//! that are followed while a force is on the tool were tried, with a filter that has the force and
+//! the changes as states. At this arm it took slow forces for offsets: see docs/estimation.md.
 
 use crate::motion::{Moment, FILTER_S};
 use crate::wander;
@@ -43,19 +45,17 @@ const DRIFT: f64 = 0.003;
 /// The same of friction that was found above that of training, share of what is above: a cold arm
 /// may warm. A warming of 600 s takes 0.2 of it (RMS over the three minutes after the minute).
 const COLD: f64 = 0.2;
-/// Square of rate and curvature of an offset, per noise of the minute and the time in which errors
-/// are alike, above which it comes and goes. On seeds 11 to 13 it was at most 9 at the elbow and 14
-/// at the shoulder without a drag, 6 at a quarter of the speed, and 42 at least with a drag of 0.2
-/// N·m. By the noise alone it was up to 41 at a quarter of the speed.
-const WANDERS: f64 = 20.0;
+/// Chance from which a torque that comes and goes is followed under load. Estimate: below it the
+/// size would be a third of the usual one, as that goes with the root of the chance.
+const FOLLOWED: f64 = 0.1;
+/// Chance from which it is told.
+const TOLD: f64 = 0.9;
 /// Standard deviation of a force on the tool that was not measured, N. Estimate.
 const FORCE_N: f64 = 2.0;
 /// Logarithm of the odds from which there is one, chosen on the virtual arm's seeds 11 to 13 above
 /// what all changes of docs/estimation.md came to. `--example changes` counts how often a minute
 /// without a force, and one with 1 N or 2 N, is above it.
 const FORCE_ODDS: f64 = 8.0;
-/// Least that a minute leaves, per noise of training.
-const LEAST_LEFT: f64 = 0.1;
 /// Place of the share of friction among the changes.
 pub(crate) const FRICTION: usize = 1;
 /// Place of the gain.
@@ -63,13 +63,27 @@ pub(crate) const GAIN: usize = 2;
 /// Ripple of the friction over a turn that is told, share: some times what a minute finds where
 /// there is none.
 const TOLD_RIPPLE: f64 = 0.03;
-/// Places of the kinds of changes that are there together or not at all.
-const KINDS: [core::ops::Range<usize>; 5] = [0..1, 1..2, 2..3, 3..5, 5..6];
+/// Places of the kinds of changes that are there together or not at all; the last two are a torque
+/// that comes and goes, and friction that warms.
+const KINDS: [core::ops::Range<usize>; 7] = [
+    0..1,
+    1..2,
+    2..3,
+    3..5,
+    5..6,
+    CHANGES..WARMS,
+    WARMS..WITH_TIME,
+];
 /// Stop operator that stands for the direction of sliding.
 const DIRECTION: usize = 2;
 
-/// The same with rate and curvature of the offset.
-const WITH_TIME: usize = CHANGES + 2;
+/// The same with rate and curvature of the offset, and the rate of the friction.
+const WITH_TIME: usize = CHANGES + 3;
+/// Place of the last.
+const WARMS: usize = CHANGES + 2;
+/// Its standard deviation before anything is known, share in [`wander::TIME_S`]. Estimate: a
+/// warming by a tenth within ten minutes has 0.008.
+const WARMING: f64 = 0.01;
 
 /// What a change of 1 adds to a balance, each: see [`effects`].
 pub type Effects = [f64; CHANGES];
@@ -106,30 +120,40 @@ fn usual_information() -> Matrix {
     Matrix::from_diagonal(&Vector::from(SPREAD.map(|sd| sd.powi(-2))))
 }
 
-/// The same with rate and curvature of the offset.
-fn with_time() -> Square {
-    let mut information = Square::identity();
+/// The same with rates and curvature; those of the offset, in [`wander::TIME_S`], each as large as
+/// this.
+fn with_time(moves: f64) -> Square {
+    let mut information = Square::identity() / (moves * moves);
+    information[(WARMS, WARMS)] = WARMING.powi(-2);
     let mut changes = information.fixed_view_mut::<CHANGES, CHANGES>(0, 0);
     changes.copy_from(&usual_information());
     information
 }
 
+/// Changes, averaged over which of their kinds there are.
+struct Average {
+    mean: Long,
+    covariance: Square,
+    /// Chance that a torque comes and goes.
+    wanders: f64,
+}
+
 /// Changes and their covariance, averaged over which of the kinds there are at all: each may be
 /// there or not. Where the log shows none, the model stays as it was trained, and is not bent to
 /// the errors of a minute.
-fn average(information: &Matrix, evidence: &Vector) -> Option<(Vector, Matrix)> {
-    let usual = usual_information();
-    let (mut weights, mut mean, mut squares) = (0.0, Vector::zeros(), Matrix::zeros());
-    let mut most = 0.0_f64;
+fn average(information: &Square, evidence: &Long) -> Option<Average> {
+    let usual = with_time(SPREAD[0]);
+    let (mut weights, mut mean, mut squares) = (0.0, Long::zeros(), Square::zeros());
+    let (mut most, mut wanders) = (0.0_f64, 0.0);
     for chosen in 0..1_u32 << KINDS.len() {
-        let mut of = Vector::zeros();
+        let mut of = Long::zeros();
         for (kind, places) in KINDS.iter().enumerate() {
             if chosen >> kind & 1 == 1 {
                 places.clone().for_each(|k| of[k] = 1.0);
             }
         }
         // What is not there keeps its usual size, apart from the log: it cancels.
-        let mask = Matrix::from_diagonal(&of);
+        let mask = Square::from_diagonal(&of);
         let covariance = (mask * information * mask + usual).try_inverse()?;
         let told = covariance * mask * evidence;
         let odds =
@@ -138,15 +162,21 @@ fn average(information: &Matrix, evidence: &Vector) -> Option<(Vector, Matrix)> 
         if odds > most {
             let less = (most - odds).exp();
             (weights, mean, squares) = (weights * less, mean * less, squares * less);
+            wanders *= less;
             most = odds;
         }
         let weight = (odds - most).exp();
         weights += weight;
+        wanders += of[CHANGES] * weight;
         mean += told * weight;
         squares += (mask * covariance * mask + told * told.transpose()) * weight;
     }
     mean /= weights;
-    Some((mean, squares / weights - mean * mean.transpose()))
+    Some(Average {
+        mean,
+        covariance: squares / weights - mean * mean.transpose(),
+        wanders: wanders / weights,
+    })
 }
 
 /// Sums of a log of free motion.
@@ -158,13 +188,12 @@ pub struct Free {
     across: [SMatrix<f64, WITH_TIME, 3>; 3],
     of_force: [Matrix3<f64>; 3],
     for_force: [Vector3<f64>; 3],
-    /// Sum of the times of the rows and of their squares, in [`wander::TIME_S`].
+    /// Sum of the times of the rows and of their squares, and the last, in [`wander::TIME_S`].
     times: [f64; 2],
+    last: f64,
     rows: f64,
     /// Coulomb friction of each motor.
     coulomb: [f64; 3],
-    /// Sum of the squares of what the balances lack, per noise.
-    squares: [f64; 3],
     /// Time of the rows, s.
     pub told_s: f64,
 }
@@ -183,6 +212,11 @@ impl Free {
         self.told_s += step_s;
         let time = time_s / wander::TIME_S;
         self.times = [self.times[0] + time, self.times[1] + time * time];
+        self.last = if self.rows > 0.0 {
+            self.last.max(time)
+        } else {
+            time
+        };
         self.rows += 1.0;
         self.coulomb = effects.map(|of| of[0]);
         for i in 0..3 {
@@ -192,10 +226,10 @@ impl Free {
             let coulomb = effects[i][0];
             row[CHANGES] = coulomb * time;
             row[CHANGES + 1] = coulomb * time * time / 2.0;
+            row[WARMS] = effects[i][FRICTION] * time;
             let weight = step_s / ALIKE_S / variance[i];
             self.information[i] += row * row.transpose() * weight;
             self.evidence[i] += row * (lacking[i] * weight);
-            self.squares[i] += lacking[i] * lacking[i] * weight;
             let lever = levers.row(i);
             self.across[i] += row * lever * weight;
             self.of_force[i] += lever.transpose() * lever * weight;
@@ -208,28 +242,68 @@ impl Free {
     /// the balances are alike, in [`ALIKE_S`].
     #[must_use]
     pub fn found(&self, usual: [f64; 3], alike: [f64; 3]) -> Option<Found> {
-        let mut fits = Vec::with_capacity(3);
-        for i in 0..3 {
-            fits.push(self.with_time(i)?);
+        let mut motors: [Option<OfMotor>; 3] = [const { None }; 3];
+        // Rate and curvature of the torques at the joints.
+        let mut moves = [SVector::<f64, 2>::zeros(); 3];
+        // A torque at a later joint is felt here.
+        for i in (0..3).rev() {
+            let felt = (i + 1..3).map(|k| moves[k] * COUPLING[k][i]).sum();
+            let Average {
+                mut mean,
+                mut covariance,
+                wanders,
+            } = self.of_motor(i, alike[i], felt)?;
+            // A motor whose effort is not logged has no friction, and tells nothing.
+            let follows = usual[i] > 0.0 || (wanders > FOLLOWED && self.coulomb[i] > 0.0);
+            let mut wander = 0.0;
+            if follows {
+                let own = mean.fixed_rows::<2>(CHANGES).into_owned();
+                moves[i] = own * self.coulomb[i];
+                let least = if usual[i] > 0.0 { usual[i] } else { SPREAD[0] };
+                if wanders > FOLLOWED {
+                    wander = own.norm().hypot(wanders.sqrt() * least);
+                }
+                // The filter under load has the variance of the offset, which is the mean over the
+                // log.
+                mean[0] += mean[CHANGES + 1] * self.spread() / 2.0;
+                covariance.fill_row(0, 0.0);
+                covariance.fill_column(0, 0.0);
+            }
+            // What warms has the friction of the end.
+            mean[FRICTION] += mean[WARMS] * (self.last - self.times[0] / self.rows);
+            let changes = mean.fixed_rows::<CHANGES>(0).into_owned();
+            let covariance = covariance.fixed_view::<CHANGES, CHANGES>(0, 0).into_owned();
+            motors[i] = Some(of_motor(changes, covariance, wander, usual[i], wanders));
         }
-        let mut wander = [0.0; 3];
-        for (i, wander) in wander.iter_mut().enumerate() {
-            *wander = self.wander(i, &fits, usual[i], alike);
+        let [a, b, c] = motors;
+        Some(Found([a?, b?, c?]))
+    }
+
+    /// Variance of the times of the log, in the square of [`wander::TIME_S`].
+    fn spread(&self) -> f64 {
+        let middle = self.times[0] / self.rows;
+        self.times[1] / self.rows - middle * middle
+    }
+
+    /// Changes of motor `i` where torques at later joints with this rate and curvature are felt
+    /// there; rate and curvature are those in the middle of the log.
+    fn of_motor(&self, i: usize, alike: f64, felt: SVector<f64, 2>) -> Option<Average> {
+        let middle = self.times[0] / self.rows;
+        // From changes in the middle of the log to those at its clock's zero.
+        let mut to = Square::identity();
+        to[(0, CHANGES)] = -middle;
+        to[(0, CHANGES + 1)] = middle * middle / 2.0;
+        to[(CHANGES, CHANGES + 1)] = -middle;
+        to[(FRICTION, WARMS)] = -middle;
+        let information = to.transpose() * self.information[i] * to / alike;
+        let mut evidence = to.transpose() * self.evidence[i] / alike;
+        if self.coulomb[i] > 0.0 {
+            let mut known = Long::zeros();
+            let part = -felt / self.coulomb[i];
+            known.fixed_rows_mut::<2>(CHANGES).copy_from(&part);
+            evidence -= information * known;
         }
-        let mut motors = Vec::with_capacity(3);
-        for i in 0..3 {
-            // A torque at a later joint is felt here.
-            let moves = usual[i] > 0.0 || wander[i..].iter().any(|size| *size > 0.0);
-            let (changes, covariance) = if moves {
-                self.moving(&fits[i], usual[i] > 0.0 || wander[i] > 0.0)
-            } else {
-                let information = &self.information[i].fixed_view::<CHANGES, CHANGES>(0, 0);
-                let evidence = &self.evidence[i].fixed_rows::<CHANGES>(0);
-                average(&(information / alike[i]), &(evidence / alike[i]))?
-            };
-            motors.push(of_motor(changes, covariance, wander[i], usual[i]));
-        }
-        motors.try_into().ok().map(Found)
+        average(&information, &evidence)
     }
 
     /// What this log seems to tell of changes of motor `i`, squared and per its covariance, and
@@ -258,7 +332,7 @@ impl Free {
         let usual = Matrix3::identity() / (FORCE_N * FORCE_N);
         let (mut information, mut evidence) = (usual, Vector3::zeros());
         for (i, alike) in alike.into_iter().enumerate() {
-            let covariance = (self.information[i] / alike + with_time()).try_inverse()?;
+            let covariance = (self.information[i] / alike + with_time(1.0)).try_inverse()?;
             let across = self.across[i] / alike;
             information += self.of_force[i] / alike - across.transpose() * covariance * across;
             evidence += self.for_force[i] / alike
@@ -269,72 +343,16 @@ impl Free {
         let odds = force.dot(&evidence) + (usual.determinant() * covariance.determinant()).ln();
         Some((force, odds / 2.0))
     }
-
-    /// All changes of motor `i`, with rate and curvature of its offset.
-    fn with_time(&self, i: usize) -> Option<WithTime> {
-        let evidence = &self.evidence[i];
-        let covariance = (self.information[i] + with_time()).try_inverse()?;
-        let all = covariance * evidence;
-        // Rate and curvature in the middle of the log.
-        let to = SMatrix::<f64, 2, 2>::new(1.0, self.times[0] / self.rows, 0.0, 1.0);
-        let spread = to * covariance.fixed_view::<2, 2>(CHANGES, CHANGES) * to.transpose();
-        // Where the changes explain the minute badly, they explain its time badly too.
-        let left = (self.squares[i] - all.dot(evidence)).max(0.0) / (self.told_s / ALIKE_S);
-        let per_coulomb = self.coulomb[i];
-        Some(WithTime {
-            moves: to * all.fixed_rows::<2>(CHANGES) * per_coulomb,
-            spread: spread * (left.max(LEAST_LEFT) * per_coulomb * per_coulomb),
-            all,
-            covariance,
-        })
-    }
-
-    /// Size of a torque at joint `i` that comes and goes, per Coulomb friction of its motor; 0:
-    /// none. `usual`, `alike`: as in [`Self::found`].
-    fn wander(&self, i: usize, fits: &[WithTime], usual: f64, alike: [f64; 3]) -> f64 {
-        let (mut moves, mut spread) = (SVector::<f64, 2>::zeros(), SMatrix::<f64, 2, 2>::zeros());
-        // The torque at a joint is that of its motor and what the later motors' cables add.
-        for (k, fit) in fits.iter().enumerate().skip(i) {
-            moves += fit.moves * COUPLING[k][i];
-            spread += fit.spread * (alike[k] * COUPLING[k][i].powi(2));
-        }
-        let far = spread
-            .try_inverse()
-            .map(|inverse| moves.dot(&(inverse * moves)));
-        // A motor whose effort is not logged has no friction, and tells nothing.
-        if self.coulomb[i] <= 0.0 || far.is_none_or(|far| far <= WANDERS) {
-            return 0.0;
-        }
-        let least = if usual > 0.0 { usual } else { SPREAD[0] };
-        (moves.norm() / self.coulomb[i]).max(least)
-    }
-
-    /// Changes where a torque comes and goes, with the offset's mean over the log. `own`: it is at
-    /// the motor's own joint, and the filter under load has the variance of the offset.
-    fn moving(&self, fit: &WithTime, own: bool) -> (Vector, Matrix) {
-        let mut to = SMatrix::<f64, CHANGES, WITH_TIME>::identity();
-        to[(0, CHANGES)] = self.times[0] / self.rows;
-        to[(0, CHANGES + 1)] = self.times[1] / self.rows / 2.0;
-        let mut covariance = to * fit.covariance * to.transpose();
-        if own {
-            covariance.fill_row(0, 0.0);
-            covariance.fill_column(0, 0.0);
-        }
-        (to * fit.all, covariance)
-    }
-}
-
-/// Changes of a motor with rate and curvature of its offset.
-struct WithTime {
-    all: Long,
-    covariance: Square,
-    /// Rate and curvature in the middle of the log, torque, and their covariance.
-    moves: SVector<f64, 2>,
-    spread: SMatrix<f64, 2, 2>,
 }
 
 /// Adds what no minute tells.
-fn of_motor(changes: Vector, mut covariance: Matrix, wander: f64, usual: f64) -> OfMotor {
+fn of_motor(
+    changes: Vector,
+    mut covariance: Matrix,
+    wander: f64,
+    usual: f64,
+    wanders: f64,
+) -> OfMotor {
     for k in 0..CHANGES {
         let form = FORM * changes[k];
         covariance[(k, k)] += form * form;
@@ -346,6 +364,7 @@ fn of_motor(changes: Vector, mut covariance: Matrix, wander: f64, usual: f64) ->
         covariance: covariance.into(),
         wander,
         usual,
+        wanders,
     }
 }
 
@@ -364,6 +383,13 @@ struct OfMotor {
     /// The same at the motor, in training.
     #[serde(default)]
     usual: f64,
+    /// Chance of it. Files of before have torques that were sure.
+    #[serde(default = "sure")]
+    wanders: f64,
+}
+
+const fn sure() -> f64 {
+    1.0
 }
 
 /// Changes of a motor for people, positive where there is more of it.
@@ -479,8 +505,10 @@ impl Found {
             changes: c,
             covariance,
             wander,
+            wanders,
             ..
         } = &self.0[i];
+        let told = if *wanders > TOLD { *wander } else { 0.0 };
         let deviation = |k: usize| covariance[k][k].max(0.0).sqrt();
         // The balance is what the model expects less what is commanded.
         Change {
@@ -489,7 +517,7 @@ impl Found {
             gain: c[2],
             ripple: c[3].hypot(c[4]),
             asymmetry: -c[5],
-            wander: wander * coulomb,
+            wander: told * coulomb,
             deviation: [
                 deviation(0) * coulomb,
                 deviation(1),
@@ -561,8 +589,8 @@ mod tests {
     /// nothing, nothing has changed and half of each kind's usual variance is left.
     #[test]
     fn an_average_over_kinds_goes_from_nothing_to_the_least_squares_of_all() {
-        let truth = Vector::from([0.2, -0.2, 0.06, 0.15, -0.1, 0.2]);
-        let mix = Matrix::from_fn(|i, j| {
+        let truth = Long::from([0.2, -0.2, 0.06, 0.15, -0.1, 0.2, 0.1, -0.1, 0.02]);
+        let mix = Square::from_fn(|i, j| {
             if i == j {
                 1.0
             } else {
@@ -571,8 +599,10 @@ mod tests {
         });
         let information = mix.transpose() * mix * 1e6;
         let evidence = information * truth;
-        let (mean, covariance) = average(&information, &evidence).expect("finite");
-        let all = (information + usual_information())
+        let Average {
+            mean, covariance, ..
+        } = average(&information, &evidence).expect("finite");
+        let all = (information + with_time(SPREAD[0]))
             .try_inverse()
             .expect("positive");
         assert!((mean - all * evidence).norm() < 1e-9, "{mean}");
@@ -580,8 +610,13 @@ mod tests {
             (covariance - all).norm() < 1e-6 * all.norm(),
             "{covariance}"
         );
-        let (mean, covariance) = average(&Matrix::zeros(), &Vector::zeros()).expect("finite");
-        assert_eq!(mean, Vector::zeros());
+        let Average {
+            mean,
+            covariance,
+            wanders,
+        } = average(&Square::zeros(), &Long::zeros()).expect("finite");
+        assert_eq!(mean, Long::zeros());
+        assert!((wanders - 0.5).abs() < 1e-12, "{wanders}");
         for (k, sd) in SPREAD.into_iter().enumerate() {
             assert!(
                 (covariance[(k, k)] - sd * sd / 2.0).abs() < 1e-12,
@@ -672,6 +707,37 @@ mod tests {
             );
         }
         assert_eq!(minute(made, |_| 0.1).wander(COULOMB), None);
+    }
+
+    #[test]
+    fn friction_that_warms_is_that_of_the_end_and_no_torque_that_comes_and_goes() {
+        // The elbow's friction falls by 1 % within the minute.
+        let falls = |t: f64| {
+            let direction = (0.4 * t + 1.0).cos().signum();
+            -0.01 * t / 60.0 * COULOMB[1] * direction
+        };
+        let found = minute([[0.0; CHANGES]; 3], falls);
+        assert_eq!(found.wander(COULOMB), None);
+        let change = found.of_motor(1, COULOMB[1]);
+        assert!((change.friction - 0.01).abs() < 0.001, "{change:?}");
+    }
+
+    #[test]
+    fn a_torque_that_may_be_there_is_followed_by_its_chance_and_not_told() {
+        let found = |slope: f64| {
+            let more = |t: f64| slope * COULOMB[1] * t / wander::TIME_S;
+            minute([[0.0; CHANGES]; 3], more)
+        };
+        let size = |found: &Found| found.wander(COULOMB).unwrap_or_default()[1] / COULOMB[1];
+        let [none, maybe, sure] = [0.0, 0.0085, 0.03].map(found);
+        assert_eq!(size(&none), 0.0);
+        let chance = maybe.0[1].wanders;
+        assert!((0.2..0.8).contains(&chance), "{chance}");
+        let least = chance.sqrt() * SPREAD[0];
+        assert!((least..1.02 * least).contains(&size(&maybe)));
+        assert!((SPREAD[0]..0.12).contains(&size(&sure)), "{}", size(&sure));
+        let told = [none, maybe, sure].map(|found| found.of_motor(1, COULOMB[1]).wander > 0.0);
+        assert_eq!(told, [false, false, true]);
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! The physical model on a stream: what each balance lacks, and the force that explains it.
 
 use super::{
-    dot, friction, guide, joints_of, regressors, settle_rows, sums_of_pieces, Physics, EVERY, FREE_S,
-    MEMORY_S, MINUTE_S, REGRESSORS, SETTLE_S,
+    dot, friction, guide, joints_of, regressors, settle_rows, sums_of_pieces, Physics, EVERY,
+    FREE_S, MEMORY_S, MINUTE_S, REGRESSORS, SETTLE_S,
 };
 use crate::misfit::{Misfit, TIMES};
 use crate::model::{Fit, Stepper};
