@@ -194,6 +194,8 @@ pub struct Free {
     rows: f64,
     /// Coulomb friction of each motor.
     coulomb: [f64; 3],
+    /// Sum of the squares of what the balances lack, per noise.
+    squares: [f64; 3],
     /// Time of the rows, s.
     pub told_s: f64,
 }
@@ -230,6 +232,7 @@ impl Free {
             let weight = step_s / ALIKE_S / variance[i];
             self.information[i] += row * row.transpose() * weight;
             self.evidence[i] += row * (lacking[i] * weight);
+            self.squares[i] += lacking[i] * lacking[i] * weight;
             let lever = levers.row(i);
             self.across[i] += row * lever * weight;
             self.of_force[i] += lever.transpose() * lever * weight;
@@ -295,6 +298,10 @@ impl Free {
         to[(0, CHANGES + 1)] = middle * middle / 2.0;
         to[(CHANGES, CHANGES + 1)] = -middle;
         to[(FRICTION, WARMS)] = -middle;
+        // Where changes explain the log badly, they are less sure.
+        let all = (self.information[i] + with_time(1.0)).try_inverse()? * self.evidence[i];
+        let left = (self.squares[i] - all.dot(&self.evidence[i])) / (self.told_s / ALIKE_S);
+        let alike = alike * left.max(1.0);
         let information = to.transpose() * self.information[i] * to / alike;
         let mut evidence = to.transpose() * self.evidence[i] / alike;
         if self.coulomb[i] > 0.0 {
@@ -720,6 +727,17 @@ mod tests {
         assert_eq!(found.wander(COULOMB), None);
         let change = found.of_motor(1, COULOMB[1]);
         assert!((change.friction - 0.01).abs() < 0.001, "{change:?}");
+    }
+
+    #[test]
+    fn a_minute_that_no_change_explains_leaves_all_of_them_less_sure() {
+        let deviation = |quick: f64| {
+            let more = |t: f64| quick * COULOMB[1] * (9.0 * t).sin();
+            let found = minute([[0.0; CHANGES]; 3], more);
+            found.of_motor(1, COULOMB[1]).deviation[1]
+        };
+        let [quiet, loud] = [0.0, 0.1].map(deviation);
+        assert!(loud > 2.0 * quiet, "{quiet} {loud}");
     }
 
     #[test]
