@@ -47,7 +47,7 @@ const DRIFT: f64 = 0.003;
 const COLD: f64 = 0.2;
 /// Chance from which a torque that comes and goes is followed under load. Estimate: below it the
 /// size would be a third of the usual one, as that goes with the root of the chance.
-const FOLLOWED: f64 = 0.1;
+pub const FOLLOWED: f64 = 0.1;
 /// Chance from which it is told.
 const TOLD: f64 = 0.9;
 /// Standard deviation of a force on the tool that was not measured, N. Estimate.
@@ -242,9 +242,10 @@ impl Free {
 
     /// The changes; `None` where numbers are not finite. `usual`: sizes of the torques that came
     /// and went in training, per Coulomb friction; 0: none did. `alike`: times in which errors of
-    /// the balances are alike, in [`ALIKE_S`].
+    /// the balances are alike, in [`ALIKE_S`]. `followed`: chance from which a torque that comes and
+    /// goes is followed under load, [`FOLLOWED`]; 1: none is.
     #[must_use]
-    pub fn found(&self, usual: [f64; 3], alike: [f64; 3]) -> Option<Found> {
+    pub fn found(&self, usual: [f64; 3], alike: [f64; 3], followed: f64) -> Option<Found> {
         let mut motors: [Option<OfMotor>; 3] = [const { None }; 3];
         // Rate and curvature of the torques at the joints.
         let mut moves = [SVector::<f64, 2>::zeros(); 3];
@@ -257,13 +258,13 @@ impl Free {
                 wanders,
             } = self.of_motor(i, alike[i], felt)?;
             // A motor whose effort is not logged has no friction, and tells nothing.
-            let follows = usual[i] > 0.0 || (wanders > FOLLOWED && self.coulomb[i] > 0.0);
+            let follows = usual[i] > 0.0 || (wanders > followed && self.coulomb[i] > 0.0);
             let mut wander = 0.0;
             if follows {
                 let own = mean.fixed_rows::<2>(CHANGES).into_owned();
                 moves[i] = own * self.coulomb[i];
                 let least = if usual[i] > 0.0 { usual[i] } else { SPREAD[0] };
-                if wanders > FOLLOWED {
+                if wanders > followed {
                     wander = own.norm().hypot(wanders.sqrt() * least);
                 }
                 // The filter under load has the variance of the offset, which is the mean over the
@@ -544,7 +545,7 @@ mod tests {
     /// What a minute finds with these changes, and this much more at a time at the elbow's joint.
     fn minute(made: [[f64; CHANGES]; 3], more: impl Fn(f64) -> f64) -> Found {
         let sums = free(made, more, 3);
-        sums.found([0.0; 3], [1.0; 3]).expect("finite")
+        sums.found([0.0; 3], [1.0; 3], FOLLOWED).expect("finite")
     }
 
     /// The sums of such a minute.
@@ -685,7 +686,9 @@ mod tests {
         made[0][FRICTION] = -0.02;
         let sums = free(made, |_| 0.0, 3);
         let deviation = |alike: f64| {
-            let found = sums.found([0.0; 3], [alike, 1.0, 1.0]).expect("finite");
+            let found = sums
+                .found([0.0; 3], [alike, 1.0, 1.0], FOLLOWED)
+                .expect("finite");
             found.of_motor(0, COULOMB[0]).deviation[1]
         };
         assert!(deviation(100.0) > 2.0 * deviation(1.0));
@@ -754,6 +757,10 @@ mod tests {
         let least = chance.sqrt() * SPREAD[0];
         assert!((least..1.02 * least).contains(&size(&maybe)));
         assert!((SPREAD[0]..0.12).contains(&size(&sure)), "{}", size(&sure));
+        let more = |t: f64| 0.03 * COULOMB[1] * t / wander::TIME_S;
+        let sums = free([[0.0; CHANGES]; 3], more, 3);
+        let never = sums.found([0.0; 3], [1.0; 3], 1.0).expect("finite");
+        assert_eq!(never.wander(COULOMB), None);
         let told = [none, maybe, sure].map(|found| found.of_motor(1, COULOMB[1]).wander > 0.0);
         assert_eq!(told, [false, false, true]);
     }
@@ -772,7 +779,7 @@ mod tests {
             let lacking = [0.0, torque, 0.0];
             sums.push(t, &effects, lacking, [2.5e-5; 3], &Matrix3::zeros(), 0.02);
         }
-        let found = sums.found([0.0; 3], [1.0; 3]).expect("finite");
+        let found = sums.found([0.0; 3], [1.0; 3], FOLLOWED).expect("finite");
         let sizes = found.wander([0.0, 1.0, 0.0]).expect("it comes and goes");
         assert!(
             sizes[0] == 0.0 && sizes[1] > 0.05 && sizes[2] == 0.0,
@@ -791,7 +798,8 @@ mod tests {
                 let lacking = [-COUPLING[1][0] * torque, torque, 0.0];
                 sums.push(t, &effects, lacking, [2.5e-5; 3], &Matrix3::zeros(), 0.02);
             }
-            sums.found([0.0, 0.03, 0.0], [1.0; 3]).expect("finite")
+            sums.found([0.0, 0.03, 0.0], [1.0; 3], FOLLOWED)
+                .expect("finite")
         };
         let quiet = sums(0.0);
         assert_eq!(quiet.wander([1.0; 3]), Some([0.0, 0.03, 0.0]));

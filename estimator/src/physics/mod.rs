@@ -31,7 +31,7 @@ use crate::model::{Model, ModelError, Stepper};
 use crate::motion::{LowPass, Moment, Motion, FADE, FILTER_S, LEVELS, STOPS};
 use crate::pieces::{self, Told, Usual};
 use crate::recalibration::{
-    effects, motor_angle, Change, Effects, Found, Free, CHANGES, FRICTION as FRICTION_OF,
+    effects, motor_angle, Change, Effects, Found, Free, CHANGES, FOLLOWED, FRICTION as FRICTION_OF,
     GAIN as GAIN_OF,
 };
 use crate::ridge::{Ridge, Sums};
@@ -696,7 +696,7 @@ impl Physics {
     ) -> Result<([Change; 3], Option<[f64; 3]>), ModelError> {
         let sums = self.free(free, false);
         let found = sums
-            .found(self.usual_torques(), self.alike)
+            .found(self.usual_torques(), self.alike, FOLLOWED)
             .filter(|_| sums.told_s >= FREE_S);
         let Some(found) = found else {
             return Err(ModelError::Data(format!(
