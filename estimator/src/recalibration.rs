@@ -242,8 +242,8 @@ impl Free {
 
     /// The changes; `None` where numbers are not finite. `usual`: sizes of the torques that came
     /// and went in training, per Coulomb friction; 0: none did. `alike`: times in which errors of
-    /// the balances are alike, in [`ALIKE_S`]. `followed`: chance from which a torque that comes and
-    /// goes is followed under load, [`FOLLOWED`]; 1: none is.
+    /// the balances are alike, in [`ALIKE_S`]. `followed`: chance from which a torque that comes
+    /// and goes is followed under load, [`FOLLOWED`]; 1: none is.
     #[must_use]
     pub fn found(&self, usual: [f64; 3], alike: [f64; 3], followed: f64) -> Option<Found> {
         let mut motors: [Option<OfMotor>; 3] = [const { None }; 3];

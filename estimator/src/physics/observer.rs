@@ -213,7 +213,7 @@ impl Observer<'_> {
 
     /// Takes a row of inputs and the force, N, where it is known. Where it is not, what it makes
     /// the tool rub in its guide follows from the force of the row before, and is a part of the
-    /// levers: see [`Pressed`].
+    /// levers (`Pressed`).
     pub fn take_with(&mut self, input: &[f32], force: Option<&Vector3<f64>>) -> (&Moment, &Seen) {
         let across = |force| self.model.base.across(joints_of(input), force);
         let pressed = match force {
