@@ -246,7 +246,7 @@ impl Free {
     /// and goes is followed under load, [`FOLLOWED`]; 1: none is.
     #[must_use]
     pub fn found(&self, usual: [f64; 3], alike: [f64; 3], followed: f64) -> Option<Found> {
-        let mut motors: [Option<OfMotor>; 3] = [const { None }; 3];
+        let mut motors = Vec::with_capacity(3);
         // Rate and curvature of the torques at the joints.
         let mut moves = [SVector::<f64, 2>::zeros(); 3];
         // A torque at a later joint is felt here.
@@ -274,25 +274,29 @@ impl Free {
                 covariance.fill_column(0, 0.0);
             }
             // What warms has the friction of the end.
-            mean[FRICTION] += mean[WARMS] * (self.last - self.times[0] / self.rows);
+            mean[FRICTION] += mean[WARMS] * (self.last - self.middle());
             let changes = mean.fixed_rows::<CHANGES>(0).into_owned();
             let covariance = covariance.fixed_view::<CHANGES, CHANGES>(0, 0).into_owned();
-            motors[i] = Some(of_motor(changes, covariance, wander, usual[i], wanders));
+            motors.push(of_motor(changes, covariance, wander, usual[i], wanders));
         }
-        let [a, b, c] = motors;
-        Some(Found([a?, b?, c?]))
+        motors.reverse();
+        motors.try_into().ok().map(Found)
     }
 
-    /// Variance of the times of the log, in the square of [`wander::TIME_S`].
+    /// Mean of the times of the log, in [`wander::TIME_S`].
+    fn middle(&self) -> f64 {
+        self.times[0] / self.rows
+    }
+
+    /// Their variance.
     fn spread(&self) -> f64 {
-        let middle = self.times[0] / self.rows;
-        self.times[1] / self.rows - middle * middle
+        self.times[1] / self.rows - self.middle().powi(2)
     }
 
     /// Changes of motor `i` where torques at later joints with this rate and curvature are felt
     /// there; rate and curvature are those in the middle of the log.
     fn of_motor(&self, i: usize, alike: f64, felt: SVector<f64, 2>) -> Option<Average> {
-        let middle = self.times[0] / self.rows;
+        let middle = self.middle();
         // From changes in the middle of the log to those at its clock's zero.
         let mut to = Square::identity();
         to[(0, CHANGES)] = -middle;

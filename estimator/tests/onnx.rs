@@ -4,6 +4,8 @@
 //! them the test says so and checks nothing.
 #![cfg(feature = "networks")]
 
+#[path = "python/numbers.rs"]
+mod numbers;
 mod python;
 
 use std::process::Command;
@@ -107,7 +109,7 @@ fn onnxruntime_gives_the_same_forces() {
         network
             .write_onnx(&folder.path().join("model.onnx"))
             .expect("a file");
-        python::write(folder.path(), "input.f32", &unseen.input);
+        numbers::write(folder.path(), "input.f32", &unseen.input);
         let output = Command::new(&python)
             .args(["-c", SCRIPT])
             .arg(folder.path())

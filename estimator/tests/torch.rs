@@ -5,6 +5,8 @@
 //! of `FORCE_PYTHON`, else `python3`. Without it the test says so and checks nothing.
 #![cfg(feature = "networks")]
 
+#[path = "python/numbers.rs"]
+mod numbers;
 mod python;
 
 use std::{path::Path, process::Command};
@@ -142,8 +144,8 @@ fn by_torch(program: &Path, start: &Network, config: &Config, data: &Sequence) -
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("start.safetensors");
     std::fs::write(file, start.to_bytes()).expect("a file");
-    python::write(folder.path(), "input.f32", &data.input);
-    python::write(folder.path(), "target.f32", &data.target);
+    numbers::write(folder.path(), "input.f32", &data.input);
+    numbers::write(folder.path(), "target.f32", &data.target);
     let kind = format!("{:?}", config.kind).to_lowercase();
     let loss = format!("{:?}", config.loss).to_lowercase();
     let output = Command::new(program)

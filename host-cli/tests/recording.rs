@@ -2,12 +2,15 @@
 #![cfg(all(feature = "record", unix))]
 
 mod common;
+#[path = "../../estimator/tests/python/mod.rs"]
+mod python;
 
 use common::{expect, folder, forcectl, run, said, signal, signals, words};
+use python::python;
 use recording::check::check;
 use recording::read::{End, Entry, Reader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command};
 
 /// A run that lasts, once its recording holds some chunks.
 fn recording(folder: &Path) -> Child {
@@ -30,21 +33,6 @@ fn read(path: &Path) -> (u64, End) {
         .filter(|entry| matches!(entry, Entry::Message { topic, .. } if topic == "/sample"))
         .count();
     (samples as u64, reader.end().clone())
-}
-
-/// Python with these modules: that of `FORCE_PYTHON`, else `python3`. Where one is missing, the
-/// test says so and does nothing.
-fn python(modules: &str) -> Option<PathBuf> {
-    let python = std::env::var_os("FORCE_PYTHON").map_or_else(|| "python3".into(), PathBuf::from);
-    let found = Command::new(&python)
-        .args(["-c", &format!("import {modules}")])
-        .stderr(Stdio::null())
-        .status();
-    let there = found.is_ok_and(|status| status.success());
-    if !there {
-        println!("skipped: {} has not all of {modules}", python.display());
-    }
-    there.then_some(python)
 }
 
 #[test]

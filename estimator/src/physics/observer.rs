@@ -121,7 +121,7 @@ impl Physics {
 ///
 /// Taken from the estimate of the row before, as a known force, it fed the estimate back: where the
 /// insertion told most of the force, as beside an elbow whose torque comes and goes, the estimate
-/// ran away (30 N of 4 N; virtual arm, seed 14). So the size is linear around that estimate, and
+/// ran away (30 N of 1 N; virtual arm, seed 14). So the size is linear around that estimate, and
 /// its slope is a part of the levers. Near no force the slope turns its sign; there the size is
 /// what it was, and its balance is as unsure as the force is.
 #[derive(Debug, Clone, Copy)]

@@ -1,7 +1,7 @@
-//! Another program's word on a network: Python with what the test needs.
+//! Another program's word: Python with what the test needs.
 
 use std::{
-    path::{Path, PathBuf},
+    path::PathBuf,
     process::{Command, Stdio},
 };
 
@@ -18,13 +18,4 @@ pub fn python(modules: &str) -> Option<PathBuf> {
         println!("skipped: {} has not all of {modules}", python.display());
     }
     there.then_some(python)
-}
-
-/// Writes numbers as little-endian f32.
-pub fn write(folder: &Path, name: &str, values: &[f32]) {
-    let bytes: Vec<u8> = values
-        .iter()
-        .flat_map(|value| value.to_le_bytes())
-        .collect();
-    std::fs::write(folder.join(name), bytes).expect("a file");
 }
