@@ -38,8 +38,11 @@ pub const COVERAGE: f64 = 0.90;
 /// valid after one.
 pub const WIDEST: f64 = 0.99;
 
-/// Misfit above which a model no longer fits its robot, per the largest of held-out trials.
-const FITS: f64 = 1.3;
+/// Misfit above which a model no longer fits its robot, per the largest of held-out trials: see
+/// [`Interval::fits`]. Chosen on the virtual arm's seeds 11 to 17 and 21 to 27: an alarm in 8 of
+/// 672 unchanged trials of three minutes, and in all but 13 of 336 that changes had spoiled. Each
+/// way by itself, from 1.3 on, had 17 and 12.
+const FITS: f64 = 1.15;
 
 /// Predicted scale and conformal factors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -239,12 +242,11 @@ impl Interval {
     }
 
     /// Whether a model with this misfit fits its robot: up to `FITS` times the largest of trials
-    /// that it had not seen.
+    /// that it had not seen, in the mean of the ways' fourth powers. Ways that all rise a little
+    /// count as much as one that rises alone, which has to by half.
     #[must_use]
     pub fn fits(&self, misfit: &[f64; TIMES]) -> bool {
-        let pairs =
-            |limits: &[f64; TIMES]| misfit.iter().zip(*limits).all(|(m, limit)| *m <= limit);
-        self.fits_to.as_ref().is_none_or(pairs)
+        (self.fits_to.as_ref()).is_none_or(|limits| within(misfit, limits))
     }
 
     /// Half widths of every row of a sequence, N.
@@ -315,6 +317,13 @@ impl Live<'_> {
     pub fn gap(&mut self, elapsed_s: f64) {
         self.motion.gap(elapsed_s);
     }
+}
+
+/// See [`Interval::fits`].
+fn within(misfit: &[f64; TIMES], limits: &[f64; TIMES]) -> bool {
+    let shares = misfit.iter().zip(limits);
+    let powers = shares.map(|(m, limit)| (m / limit.max(f64::MIN_POSITIVE)).powi(4));
+    powers.sum::<f64>() <= TIMES as f64
 }
 
 fn walk(held: &HeldOut<'_>, mut visit: impl FnMut(usize, &Moment)) {
@@ -392,4 +401,24 @@ fn factor(scored: &[(f64, f64)], within: impl Fn(f64) -> bool) -> f64 {
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     let at = (share * sorted.len() as f64) as usize;
     sorted[at.min(sorted.len() - 1)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_way_alone_tells_a_misfit_and_so_do_all_together() {
+        let limits = [0.5, 1.0, 2.0, 4.0];
+        let fits = |shares: [f64; TIMES]| {
+            within(&core::array::from_fn(|k| shares[k] * limits[k]), &limits)
+        };
+        assert!(fits([0.0; TIMES]) && fits([0.99; TIMES]) && !fits([1.01; TIMES]));
+        for k in 0..TIMES {
+            let alone = |share: f64| core::array::from_fn(|i| if i == k { share } else { 0.7 });
+            assert!(fits(alone(1.3)) && !fits(alone(1.4)), "{k}");
+            assert!(!fits(alone(f64::NAN)) && !fits(alone(f64::INFINITY)));
+        }
+        assert!(within(&[0.0; TIMES], &[0.0; TIMES]) && !within(&limits, &[0.0; TIMES]));
+    }
 }

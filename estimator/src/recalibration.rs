@@ -273,8 +273,6 @@ impl Free {
                 covariance.fill_row(0, 0.0);
                 covariance.fill_column(0, 0.0);
             }
-            // What warms has the friction of the end.
-            mean[FRICTION] += mean[WARMS] * (self.last - self.middle());
             let changes = mean.fixed_rows::<CHANGES>(0).into_owned();
             let covariance = covariance.fixed_view::<CHANGES, CHANGES>(0, 0).into_owned();
             motors.push(of_motor(changes, covariance, wander, usual[i], wanders));
@@ -294,15 +292,15 @@ impl Free {
     }
 
     /// Changes of motor `i` where torques at later joints with this rate and curvature are felt
-    /// there; rate and curvature are those in the middle of the log.
+    /// there: those in the middle of the log, and the friction at its end.
     fn of_motor(&self, i: usize, alike: f64, felt: SVector<f64, 2>) -> Option<Average> {
         let middle = self.middle();
-        // From changes in the middle of the log to those at its clock's zero.
+        // From these changes to those at the clock's zero.
         let mut to = Square::identity();
         to[(0, CHANGES)] = -middle;
         to[(0, CHANGES + 1)] = middle * middle / 2.0;
         to[(CHANGES, CHANGES + 1)] = -middle;
-        to[(FRICTION, WARMS)] = -middle;
+        to[(FRICTION, WARMS)] = -self.last;
         // Where changes explain the log badly, they are less sure.
         let all = (self.information[i] + with_time(1.0)).try_inverse()? * self.evidence[i];
         let left = (self.squares[i] - all.dot(&self.evidence[i])) / (self.told_s / ALIKE_S);
@@ -734,6 +732,24 @@ mod tests {
         assert_eq!(found.wander(COULOMB), None);
         let change = found.of_motor(1, COULOMB[1]);
         assert!((change.friction - 0.01).abs() < 0.001, "{change:?}");
+    }
+
+    /// A line through evenly spaced times is half as sure at its end as in its middle.
+    #[test]
+    fn friction_that_warms_is_as_sure_as_a_line_at_its_end() {
+        let variance = |warms: f64| {
+            let friction = |t: f64| {
+                let direction = (0.4 * t + 1.0).cos().signum();
+                (0.1 - warms * t / 60.0) * COULOMB[1] * direction
+            };
+            let sums = free([[0.0; CHANGES]; 3], friction, 3);
+            let Average { covariance, .. } = sums
+                .of_motor(1, 0.01, SVector::zeros())
+                .expect("finite numbers");
+            covariance[(FRICTION, FRICTION)]
+        };
+        let ratio = variance(0.02) / variance(0.0);
+        assert!((3.2..4.4).contains(&ratio), "{ratio}");
     }
 
     #[test]
