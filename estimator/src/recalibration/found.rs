@@ -1,0 +1,241 @@
+//! What a recalibration found, for the model and in words.
+
+use super::{Matrix, Vector, CHANGES, FRICTION};
+use crate::wander;
+use serde::{Deserialize, Serialize};
+
+/// Part of a change that is of another form than its effect here: a gear's friction does not change
+/// in all contacts alike. Estimate; with 0 the intervals of large changes covered 78 to 85 %
+/// (virtual arm, seed 1).
+const FORM: f64 = 0.05;
+/// Standard deviation of the friction's change until the next recalibration, share of it. Estimate:
+/// a twentieth of the change over a day; with 0.005 the intervals of an unchanged arm covered 97 %
+/// (virtual arm, seeds 11 to 13), with 0.003 95 %.
+pub(super) const DRIFT: f64 = 0.003;
+/// The same of friction that was found above that of training, share of what is above: a cold arm
+/// may warm. A warming of 600 s takes 0.2 of it (RMS over the three minutes after the minute).
+const COLD: f64 = 0.2;
+/// Chance from which a torque that comes and goes is told.
+const TOLD: f64 = 0.9;
+/// Ripple of the friction over a turn that is told, share: some times what a minute finds where
+/// there is none.
+const TOLD_RIPPLE: f64 = 0.03;
+
+/// Adds what no minute tells.
+pub(super) fn of_motor(
+    changes: Vector,
+    mut covariance: Matrix,
+    wander: f64,
+    usual: f64,
+    wanders: f64,
+) -> OfMotor {
+    for k in 0..CHANGES {
+        let form = FORM * changes[k];
+        covariance[(k, k)] += form * form;
+    }
+    let drift = DRIFT.hypot(COLD * (-changes[FRICTION]).max(0.0));
+    covariance[(FRICTION, FRICTION)] += drift * drift;
+    OfMotor {
+        changes: changes.into(),
+        covariance: covariance.into(),
+        wander,
+        usual,
+        wanders,
+    }
+}
+
+/// Changes that were found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Found(pub(super) [OfMotor; 3]);
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct OfMotor {
+    changes: [f64; CHANGES],
+    /// Column by column; symmetric.
+    covariance: [[f64; CHANGES]; CHANGES],
+    /// Size of a torque at the joint that comes and goes, per Coulomb friction; 0: none.
+    #[serde(default)]
+    wander: f64,
+    /// The same at the motor, in training.
+    #[serde(default)]
+    usual: f64,
+    /// Chance of it. Files of before have torques that were sure.
+    #[serde(default = "sure")]
+    pub(super) wanders: f64,
+}
+
+const fn sure() -> f64 {
+    1.0
+}
+
+/// Changes of a motor for people, positive where there is more of it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    /// Torque that is not commanded, at the joint: N·m, N·m, N.
+    pub offset: f64,
+    /// Share of the friction.
+    pub friction: f64,
+    /// Torque per command, share.
+    pub gain: f64,
+    /// Amplitude of the friction over a turn of the motor, share.
+    pub ripple: f64,
+    /// Friction in positive direction above the mean of both, share.
+    pub asymmetry: f64,
+    /// Size of a torque that comes and goes, at the joint; 0: none was found.
+    pub wander: f64,
+    /// Standard deviations of the first three and the asymmetry, in this order.
+    pub deviation: [f64; 4],
+}
+
+/// Changes of friction and of torque per command that a robot may have by itself, shares. Grease,
+/// temperature and the tension of the cables change the friction by some tenths; zero and gain of
+/// an amplifier by some hundredths (docs/robot.md, "What changes"). Where friction is nearly all of
+/// a torque the two are hardly told apart: a model of few minutes found -0.21 of the gain where
+/// nothing had changed. More is a force on the tool that was not measured (4 N made -0.6 and
+/// -0.55), a sign, a unit or another column.
+const FRICTION_OF_A_ROBOT: core::ops::Range<f64> = -0.5..1.0;
+const GAIN_OF_A_ROBOT: core::ops::Range<f64> = -0.4..0.6;
+
+impl Change {
+    /// Whether a robot may change so. Else something touched the tool, or a sign, a unit or a
+    /// column of the log is wrong.
+    #[must_use]
+    pub fn is_of_a_robot(&self) -> bool {
+        FRICTION_OF_A_ROBOT.contains(&self.friction) && GAIN_OF_A_ROBOT.contains(&self.gain)
+    }
+
+    /// What has surely changed, in words: more than three standard deviations. `unit`: that of a
+    /// torque at the joint.
+    #[must_use]
+    pub fn surely(&self, unit: &str) -> Vec<String> {
+        let [offset, friction, gain, asymmetry] = self.deviation;
+        let far = |value: f64, deviation: f64| value.abs() > 3.0 * deviation;
+        let moved = |value: f64| {
+            let way = if value < 0.0 { "fell" } else { "rose" };
+            format!("{way} by {:.1} %", 100.0 * value.abs())
+        };
+        let mut out = Vec::new();
+        if far(self.friction, friction) {
+            out.push(format!("friction {}", moved(self.friction)));
+        }
+        if far(self.gain, gain) {
+            out.push(format!("torque per command {}", moved(self.gain)));
+        }
+        if far(self.offset, offset) {
+            out.push(format!(
+                "a torque of {:.3} {unit} that is not commanded",
+                self.offset
+            ));
+        }
+        if self.wander > 0.0 {
+            out.push("a torque that is not commanded comes and goes".to_owned());
+        }
+        if self.ripple > TOLD_RIPPLE {
+            let ripple = 100.0 * self.ripple;
+            out.push(format!(
+                "friction goes up and down by {ripple:.0} % over a turn of the motor"
+            ));
+        }
+        if far(self.asymmetry, asymmetry) {
+            let way = if self.asymmetry < 0.0 {
+                "negative"
+            } else {
+                "positive"
+            };
+            let more = 100.0 * self.asymmetry.abs();
+            out.push(format!(
+                "friction is {more:.0} % above its mean in {way} direction"
+            ));
+        }
+        out
+    }
+}
+
+impl Found {
+    /// What they add to the balance of motor `i`, and the variance of that.
+    #[must_use]
+    pub fn adds(&self, i: usize, effects: &[f64; CHANGES]) -> (f64, f64) {
+        let OfMotor {
+            changes,
+            covariance,
+            ..
+        } = &self.0[i];
+        let row = Vector::from(*effects);
+        let variance = (Matrix::from(*covariance) * row).dot(&row);
+        (row.dot(&Vector::from(*changes)), variance.max(0.0))
+    }
+
+    /// Sizes of the torques at the joints that come and go, of motors with the friction `coulomb`;
+    /// `None`: there is none.
+    #[must_use]
+    pub fn wander(&self, coulomb: [f64; 3]) -> Option<[f64; 3]> {
+        let usual = wander::at_joints(core::array::from_fn(|i| self.0[i].usual * coulomb[i]));
+        let sizes = core::array::from_fn(|i| usual[i].max(self.0[i].wander * coulomb[i]));
+        sizes.iter().any(|size: &f64| *size > 0.0).then_some(sizes)
+    }
+
+    /// The changes of motor `i`, which has the friction `coulomb`.
+    #[must_use]
+    pub fn of_motor(&self, i: usize, coulomb: f64) -> Change {
+        let OfMotor {
+            changes: c,
+            covariance,
+            wander,
+            wanders,
+            ..
+        } = &self.0[i];
+        let told = if *wanders > TOLD { *wander } else { 0.0 };
+        let deviation = |k: usize| covariance[k][k].max(0.0).sqrt();
+        // The balance is what the model expects less what is commanded.
+        Change {
+            offset: c[0] * coulomb,
+            friction: -c[1],
+            gain: c[2],
+            ripple: c[3].hypot(c[4]),
+            asymmetry: -c[5],
+            wander: told * coulomb,
+            deviation: [
+                deviation(0) * coulomb,
+                deviation(1),
+                deviation(2),
+                deviation(5),
+            ],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sure_changes_are_told_in_words_and_others_are_not() {
+        let change = Change {
+            offset: 0.01,
+            friction: -0.06,
+            gain: 0.01,
+            ripple: 0.12,
+            asymmetry: 0.08,
+            wander: 0.0,
+            deviation: [0.02, 0.01, 0.02, 0.02],
+        };
+        let told = change.surely("N·m").join("; ");
+        assert_eq!(
+            told,
+            "friction fell by 6.0 %; friction goes up and down by 12 % over a turn of the motor; friction is 8 % above its mean in positive direction"
+        );
+        let none = Change {
+            friction: 0.02,
+            ripple: 0.01,
+            asymmetry: 0.0,
+            ..change
+        };
+        assert_eq!(none.surely("N·m"), Vec::<String>::new());
+        let cable = Change {
+            wander: 0.1,
+            ..none
+        };
+        let told = cable.surely("N·m").join("; ");
+        assert_eq!(told, "a torque that is not commanded comes and goes");
+    }
+}
