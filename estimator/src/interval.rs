@@ -39,9 +39,8 @@ pub const COVERAGE: f64 = 0.90;
 pub const WIDEST: f64 = 0.99;
 
 /// Misfit above which a model no longer fits its robot, per the largest of held-out trials: see
-/// [`Interval::fits`]. Chosen on the virtual arm's seeds 11 to 17 and 21 to 27: an alarm in 8 of
-/// 672 unchanged trials of three minutes, and in all but 13 of 336 that changes had spoiled. Each
-/// way by itself, from 1.3 on, had 17 and 12.
+/// [`Interval::fits`]. Chosen on the virtual arm's seeds 11 to 17 and 21 to 27; docs/estimation.md
+/// has what it came to on others.
 const FITS: f64 = 1.15;
 
 /// Predicted scale and conformal factors.
