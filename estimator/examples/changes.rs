@@ -20,7 +20,7 @@ use estimator::estimator::{Estimator, Kind};
 use estimator::physics::Physics;
 use estimator::sequence::Sequence;
 use estimator::stream::Stream;
-use estimator::wander::{self, Wander};
+use estimator::wander::{self, Share, Wander};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use robot::arm::ChangeConfig;
@@ -93,13 +93,15 @@ fn least_n(model: &str, loaded: &Sequence, size: f64) -> [f64; 2] {
         of[of.len() / 2]
     });
     [([0.0; 3], 2.0), (middle, wander::ALIKE_S)].map(|(stays, alike_s)| {
-        let mut filter = Wander::new(&moments, 0.074, sizes, stays, loaded.step_s);
+        let unsure = [Share::default(); 3];
+        let mut filter = Wander::new(&moments, 0.074, sizes, stays, unsure, loaded.step_s);
         let mut observer = physics.observer();
         let (mut sum, mut rows) = (0.0, 0.0);
         for (k, noise) in noise.iter().enumerate() {
             let (moment, seen) = observer.take(loaded.input_row(k));
             let variance = noise.component_mul(noise) * (alike_s / wander::ALIKE_S);
-            filter.step(&Vector3::zeros(), &variance, &seen.levers, loaded.step_s);
+            let none = Vector3::zeros();
+            filter.step(&none, &variance, &seen.levers, &none, loaded.step_s);
             if moment.settled() {
                 sum += filter.force().1[(1, 1)].sqrt();
                 rows += 1.0;

@@ -16,7 +16,7 @@
 //!
 //! Each way is compared with that of trials which the model had not seen.
 
-use crate::wander::Wander;
+use crate::wander::{Share, Wander};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// Time in which errors of a balance are alike, over which they are averaged, s.
@@ -63,7 +63,14 @@ impl Misfit {
         noise: [f64; 3],
         step_s: f64,
     ) -> Self {
-        let slow = Wander::new(force, rate_per_s, [0.0; 3], noise, step_s);
+        let slow = Wander::new(
+            force,
+            rate_per_s,
+            [0.0; 3],
+            noise,
+            [Share::default(); 3],
+            step_s,
+        );
         Self::with(coulomb, Box::new(slow))
     }
 
@@ -143,7 +150,8 @@ impl Misfit {
         let keep = (-elapsed_s / STAYS_S).exp();
         self.of_changes *= keep;
         self.for_changes *= keep;
-        for (new, variance) in self.slow.step(&columns, variance, levers, elapsed_s) {
+        let none = Vector3::zeros();
+        for (new, variance) in (self.slow).step(&columns, variance, levers, &none, elapsed_s) {
             let changes = new.fixed_columns::<CHANGES>(1).transpose();
             self.of_changes += changes * changes.transpose() / variance;
             self.for_changes += changes * (new[0] / variance);

@@ -1,10 +1,10 @@
-//! A torque at a joint that comes and goes within minutes, as that of a tool's cable, told from the
-//! force on the tool.
+//! A torque at a joint that comes and goes within minutes, as that of a tool's cable, and friction
+//! that goes on changing, told from the force on the tool.
 //!
-//! What a balance lacks is what the force and that torque do together:
+//! What a balance lacks is what the force and these do together:
 //!
 //! ```text
-//! balance = levers * force + coupling * torque + noise        each motor
+//! balance = levers * force + coupling * torque + friction * share + noise        each motor
 //! ```
 //!
 //! The torque is at a joint. The cables of the later joints run over the earlier ones, so that a
@@ -16,13 +16,17 @@
 //! (Matérn, 3/2). A Kalman filter with both as states tells them apart by what the other motors say
 //! of the force, and by the force's size and rate in training. Where that is little, its covariance
 //! says how little: on such processes no estimator that has the same balances does better.
+//!
+//! Friction turns its sign with the motion, which no slow force does, so what has changed of it is
+//! told well. It walks from what a recalibration has found: [`Share`].
 
 use crate::motion::torques_at_motors;
 use nalgebra::{Matrix3, RowSVector, SMatrix, SVector, Vector3};
 
-/// Force, its rate, torque, its rate; three of each.
-const STATES: usize = 12;
+/// Force, its rate, torque, its rate, share of the friction; three of each.
+const STATES: usize = 15;
 const TORQUE: usize = 6;
+const SHARE: usize = 12;
 /// Time in which a tool's cable changes its torque by as much as its size, s: a sinusoid of five
 /// minutes (docs/robot.md) has this one.
 pub const TIME_S: f64 = 48.0;
@@ -41,13 +45,25 @@ const WIDER: f64 = 1.1;
 type State = SVector<f64, STATES>;
 type Covariance = SMatrix<f64, STATES, STATES>;
 
-/// Processes of force and torque. `COLUMNS`: series of balances that are filtered alike.
+/// What is not known of the friction of a motor, share of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Share {
+    /// Standard deviation at the start.
+    pub start: f64,
+    /// Variance that comes to it in time, 1/s.
+    pub per_s: f64,
+}
+
+/// Processes of force, torque and friction. `COLUMNS`: series of balances that are filtered alike.
 #[derive(Debug, Clone)]
 pub struct Wander<const COLUMNS: usize = 1> {
     at_rest: Covariance,
     rates_per_s: [f64; 2],
     /// Transition of one step and the noise that it adds.
     one: (f64, Covariance, Covariance),
+    shares: [Share; 3],
+    /// Friction at the motors now.
+    friction: Vector3<f64>,
     state: SMatrix<f64, STATES, COLUMNS>,
     covariance: Covariance,
 }
@@ -73,7 +89,7 @@ pub fn at_joints(motors: [f64; 3]) -> [f64; 3] {
 
 /// Transition within `step_s`.
 fn transition(rates_per_s: [f64; 2], step_s: f64) -> Covariance {
-    let mut a = Covariance::zeros();
+    let mut a = Covariance::identity();
     for (k, rate) in rates_per_s.into_iter().enumerate() {
         let x = rate * step_s;
         let e = (-x).exp();
@@ -90,13 +106,14 @@ fn transition(rates_per_s: [f64; 2], step_s: f64) -> Covariance {
 impl<const COLUMNS: usize> Wander<COLUMNS> {
     /// `force`: second moments of the force, N²; `rate_per_s`: its rate per its size, 1/s; `sizes`:
     /// standard deviations of the torques that come and go, at the joints; `noise`: those of the
-    /// balances.
+    /// balances, of which a part stays for minutes; `shares`: what is not known of the friction.
     #[must_use]
     pub fn new(
         force: &Matrix3<f64>,
         rate_per_s: f64,
         sizes: [f64; 3],
         noise: [f64; 3],
+        shares: [Share; 3],
         step_s: f64,
     ) -> Self {
         let rates_per_s = [rate_per_s, 1.0 / TIME_S];
@@ -114,23 +131,29 @@ impl<const COLUMNS: usize> Wander<COLUMNS> {
                 .fixed_view_mut::<3, 3>(6 * k + 3, 6 * k + 3)
                 .copy_from(&rate);
         }
+        for (i, share) in shares.iter().enumerate() {
+            at_rest[(SHARE + i, SHARE + i)] = share.start.powi(2);
+        }
         let a = transition(rates_per_s, step_s);
         Self {
             at_rest,
             rates_per_s,
             one: (step_s, a, at_rest - a * at_rest * a.transpose()),
+            shares,
+            friction: Vector3::zeros(),
             state: SMatrix::zeros(),
             covariance: at_rest,
         }
     }
 
-    /// Takes what the balances lack, its variances and levers; gives what of each balance the
-    /// processes did not expect, and the variance of that.
+    /// Takes what the balances lack, its variances, levers and friction; gives what of each balance
+    /// the processes did not expect, and the variance of that.
     pub fn step(
         &mut self,
         lacking: &SMatrix<f64, 3, COLUMNS>,
         variance: &Vector3<f64>,
         levers: &Matrix3<f64>,
+        friction: &Vector3<f64>,
         elapsed_s: f64,
     ) -> [(RowSVector<f64, COLUMNS>, f64); 3] {
         let (a, more) = if elapsed_s == self.one.0 {
@@ -141,6 +164,10 @@ impl<const COLUMNS: usize> Wander<COLUMNS> {
         };
         self.state = a * self.state;
         self.covariance = a * self.covariance * a.transpose() + more;
+        for (i, share) in self.shares.iter().enumerate() {
+            self.covariance[(SHARE + i, SHARE + i)] += share.per_s * elapsed_s;
+        }
+        self.friction = *friction;
         let times = (ALIKE_S / elapsed_s).max(1.0);
         let new = core::array::from_fn(|i| {
             let mut row = State::zeros();
@@ -148,6 +175,7 @@ impl<const COLUMNS: usize> Wander<COLUMNS> {
                 row[k] = levers[(i, k)];
             }
             row[TORQUE + i] = 1.0;
+            row[SHARE + i] = friction[i];
             let with = self.covariance * row;
             let variance = row.dot(&with) + variance[i] * times;
             let gain = with / variance;
@@ -168,16 +196,17 @@ impl<const COLUMNS: usize> Wander<COLUMNS> {
 }
 
 impl Wander {
-    /// Torques at the motors now, and the covariance of their errors.
+    /// Torques at the motors now that are not the force's, with those of friction that has changed,
+    /// and the covariance of their errors.
     #[must_use]
     pub fn torques(&self) -> (Vector3<f64>, Matrix3<f64>) {
-        (
-            self.state.fixed_rows::<3>(TORQUE).into_owned(),
-            self.covariance
-                .fixed_view::<3, 3>(TORQUE, TORQUE)
-                .into_owned()
-                * WIDER.powi(2),
-        )
+        let mut rows = SMatrix::<f64, 3, STATES>::zeros();
+        for i in 0..3 {
+            rows[(i, TORQUE + i)] = 1.0;
+            rows[(i, SHARE + i)] = self.friction[i];
+        }
+        let covariance = rows * self.covariance * rows.transpose();
+        (rows * self.state, covariance * WIDER.powi(2))
     }
 
     /// Force now, N, and the covariance of its error.
@@ -194,11 +223,17 @@ impl Wander {
 mod tests {
     use super::*;
 
+    /// Friction that is as it was.
+    const KNOWN: [Share; 3] = [Share {
+        start: 0.0,
+        per_s: 0.0,
+    }; 3];
+
     /// Errors of the torque at motor 1, and their standard deviations as told, over minutes of a
     /// force along y and a drag there.
     fn errors(third_lever: f64) -> Vec<(f64, f64)> {
         let force = Matrix3::from_diagonal(&Vector3::new(1e-4, 4.0, 1e-4));
-        let mut filter = Wander::new(&force, 0.08, [0.0, 0.14, 0.0], [0.0; 3], 0.02);
+        let mut filter = Wander::new(&force, 0.08, [0.0, 0.14, 0.0], [0.0; 3], KNOWN, 0.02);
         let levers = Matrix3::new(0.1, 0.0, 0.04, 0.02, -0.08, 0.01, -0.4, third_lever, 0.9);
         let variance = Vector3::new(0.01, 0.01, 0.1).map(|sd: f64| sd * sd);
         let mut noise = robot::random::Random::stream(5, "wander", 0);
@@ -211,7 +246,7 @@ mod tests {
             let balances = levers * Vector3::new(0.0, y, 0.0)
                 + coupling() * Vector3::new(0.0, drag, 0.0)
                 + variance.map(|v| (v * ALIKE_S / 0.02).sqrt() * noise.normal());
-            filter.step(&balances, &variance, &levers, 0.02);
+            filter.step(&balances, &variance, &levers, &Vector3::zeros(), 0.02);
             if t > 60.0 {
                 let (torques, covariance) = filter.torques();
                 out.push((torques[1] - drag, covariance[(1, 1)].sqrt()));
@@ -255,12 +290,12 @@ mod tests {
     fn a_torque_at_the_elbow_is_told_by_the_shoulder_too() {
         let force = Matrix3::identity();
         let none = Matrix3::zeros();
-        let mut filter = Wander::new(&force, 0.1, [0.0, 0.1, 0.0], [0.01; 3], 0.02);
+        let mut filter = Wander::new(&force, 0.1, [0.0, 0.1, 0.0], [0.01; 3], KNOWN, 0.02);
         // What the shoulder alone tells: the elbow's balance is as good as unknown.
         let variance = Vector3::new(1e-6, 1e6, 1e6);
         let lacking = coupling() * Vector3::new(0.0, 0.2, 0.0);
         for _ in 0..500 {
-            filter.step(&lacking, &variance, &none, 0.02);
+            filter.step(&lacking, &variance, &none, &Vector3::zeros(), 0.02);
         }
         assert!(filter.torques().0[1] > 0.1, "{}", filter.torques().0);
         let motors = coupling().map(|c| c * c) * Vector3::new(0.04, 0.01, 4.0);
@@ -274,24 +309,62 @@ mod tests {
     #[test]
     fn what_was_told_fades_over_a_gap_and_is_forgotten_at_a_start() {
         let force = Matrix3::identity();
-        let mut filter = Wander::new(&force, 0.1, [0.0, 0.1, 0.0], [0.0; 3], 0.02);
+        let mut filter = Wander::new(&force, 0.1, [0.0, 0.1, 0.0], [0.0; 3], KNOWN, 0.02);
         let fresh = filter.torques().1[(1, 1)];
         // No lever of a force: the balance is the torque.
         let none = Matrix3::zeros();
         let lacking = coupling() * Vector3::new(0.0, 0.08, 0.0);
         let variance = Vector3::repeat(1e-6);
         for _ in 0..500 {
-            filter.step(&lacking, &variance, &none, 0.02);
+            filter.step(&lacking, &variance, &none, &Vector3::zeros(), 0.02);
         }
         let (torques, covariance) = filter.torques();
         assert!((torques[1] - 0.08).abs() < 0.002 && covariance[(1, 1)] < 0.01 * fresh);
         let unknown = Vector3::repeat(1e6);
-        filter.step(&lacking, &unknown, &none, 10.0 * TIME_S);
+        filter.step(&lacking, &unknown, &none, &Vector3::zeros(), 10.0 * TIME_S);
         let (torques, covariance) = filter.torques();
         assert!(torques[1].abs() < 0.001 && covariance[(1, 1)] > 0.99 * fresh);
-        filter.step(&lacking, &variance, &none, 0.02);
+        filter.step(&lacking, &variance, &none, &Vector3::zeros(), 0.02);
         filter.forget();
         assert_eq!(filter.torques(), (Vector3::zeros(), filter.torques().1));
         assert!((filter.torques().1[(1, 1)] - fresh).abs() < 1e-12);
+    }
+
+    /// Error of the force along y after three minutes in which the friction of motor 1 fell by a
+    /// fiftieth, and its standard deviation as told.
+    fn beside_falling_friction(shares: [Share; 3]) -> (f64, f64) {
+        let force = Matrix3::from_diagonal(&Vector3::new(1e-4, 4.0, 1e-4));
+        let mut filter = Wander::new(&force, 0.08, [0.0; 3], [0.0; 3], shares, 0.02);
+        let levers = Matrix3::new(0.1, 0.0, 0.04, 0.02, -0.08, 0.01, -0.4, 0.0, 0.9);
+        let variance = Vector3::new(1.0, 1e-4, 1e4);
+        let mut noise = robot::random::Random::stream(5, "friction", 0);
+        let mut squares = 0.0;
+        let mut count = 0.0;
+        for n in 0..9_000 {
+            let t = f64::from(n) * 0.02;
+            let friction = Vector3::new(0.0, 3.0 * (0.9 * t).sin().signum(), 0.0);
+            let y = 2.5 * (0.083 * t).sin();
+            let mut lacking = levers * Vector3::new(0.0, y, 0.0) + friction * (0.02 * t / 180.0);
+            lacking[1] += (variance[1] * ALIKE_S / 0.02).sqrt() * noise.normal();
+            filter.step(&lacking, &variance, &levers, &friction, 0.02);
+            if t > 120.0 {
+                let error = filter.force().0[1] - y;
+                squares += error * error;
+                count += 1.0;
+            }
+        }
+        (f64::sqrt(squares / count), filter.force().1[(1, 1)].sqrt())
+    }
+
+    #[test]
+    fn friction_that_falls_under_load_is_told_from_the_force() {
+        let cold = Share {
+            start: 0.003,
+            per_s: 0.02 * 0.02 / 180.0,
+        };
+        let (error, sure) = beside_falling_friction([cold; 3]);
+        let (known, _) = beside_falling_friction(KNOWN);
+        assert!(error < 0.6 * known, "{error} {known}");
+        assert!(error < 1.5 * sure, "{error} {sure}");
     }
 }

@@ -396,6 +396,49 @@ fn a_torque_that_comes_and_goes_costs_less_after_a_minute_and_no_estimate_runs_a
     }
 }
 
+/// A cold arm goes on warming after the minute, and contacts with less friction slide earlier.
+#[test]
+fn friction_is_followed_after_the_minute_and_bends_contacts_as_far_as_it_is_large() {
+    let rows: Vec<Sequence> = (1..7).map(|n| trial(31, n, 122.0)).collect();
+    let sequences: Vec<&Sequence> = rows.iter().collect();
+    let asked = Training {
+        intervals: true,
+        ..training(Kind::Physics)
+    };
+    let trained = Estimator::train(&asked, &sequences, &mut |_: &Progress| {}).unwrap();
+    let none = ChangeConfig::default();
+    let changes = [
+        ChangeConfig {
+            warm_up: 0.07,
+            ..none
+        },
+        ChangeConfig {
+            friction: -0.24,
+            ..none
+        },
+    ];
+    const FREE_S: f64 = 62.0;
+    for change in changes {
+        let whole = under(31, 11, FREE_S + 180.0, change, 1.0, |t| {
+            let loaded = f64::from(u8::from(t >= FREE_S));
+            [0.0, loaded * 3.0 * libm::sin(0.083 * t), 0.0]
+        });
+        let free = whole.beginning(FREE_S);
+        let loaded = Sequence {
+            start_s: FREE_S,
+            input: whole.input[free.input.len()..].to_vec(),
+            target: whole.target[free.target.len()..].to_vec(),
+            ..whole.clone()
+        };
+        let mut today = Estimator::from_json(&trained.to_json().unwrap()).unwrap();
+        today.recalibrate(&[&free]).unwrap();
+        let (minute_n, covered, _) = on(&today, &loaded);
+        // 0.86 N in both without either.
+        assert!(minute_n < 0.5, "{change:?}: {minute_n}");
+        assert!(covered > 0.85, "{change:?}: {covered}");
+    }
+}
+
 /// Told by what is left, or refused: no robot changes so.
 #[test]
 fn a_force_that_nobody_measured_is_no_change_of_the_robot() {

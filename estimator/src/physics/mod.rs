@@ -280,7 +280,7 @@ fn visit<T: Send>(
         .par_iter()
         .map(|sequence| {
             let mut out = start();
-            let mut motion = Motion::with_friction(sequence.step_s, coulomb);
+            let mut motion = Motion::with_friction(sequence.step_s, coulomb, [1.0; 3]);
             // The contact is filtered as the torque is, or the balance would mix two times.
             let mut filters = [LowPass::new(FILTER_S, sequence.step_s); 3];
             let settle = settle_rows(sequence.step_s);
@@ -694,11 +694,8 @@ impl Physics {
         &mut self,
         free: &[&Sequence],
     ) -> Result<([Change; 3], Option<[f64; 3]>), ModelError> {
-        let sums = self.free(free, false);
-        let found = sums
-            .found(self.usual_torques(), self.alike, FOLLOWED)
-            .filter(|_| sums.told_s >= FREE_S);
-        let Some(found) = found else {
+        let (found, sums) = self.found(free, false, FOLLOWED);
+        let Some(found) = found.filter(|_| sums.told_s >= FREE_S) else {
             return Err(ModelError::Data(format!(
                 "{:.0} s of this log tell the state of the friction, at least {FREE_S} s must: move all three joints back and forth for a minute, with nothing at the tool",
                 sums.told_s
@@ -718,11 +715,27 @@ impl Physics {
         Ok((changes, sums.force_n(self.alike)))
     }
 
-    /// Sums of logs in which nothing is on the tool, or whose measured force is taken out.
-    fn free(&self, logs: &[&Sequence], measured: bool) -> Free {
+    /// Changes by logs, and their sums; no changes where numbers are not finite. Contacts bend as
+    /// far as their friction is large, so a second look has the friction of the first. `followed`:
+    /// as in [`Free::found`].
+    fn found(&self, logs: &[&Sequence], measured: bool, followed: f64) -> (Option<Found>, Free) {
+        let found = |sums: &Free| sums.found(self.usual_torques(), self.alike, followed);
+        let first = self.free(logs, measured, [1.0; 3]);
+        match found(&first) {
+            Some(changes) => {
+                let second = self.free(logs, measured, changes.times());
+                (found(&second), second)
+            }
+            None => (None, first),
+        }
+    }
+
+    /// Sums of logs in which nothing is on the tool, or whose measured force is taken out. `times`:
+    /// friction of each joint per that of training.
+    fn free(&self, logs: &[&Sequence], measured: bool, times: [f64; 3]) -> Free {
         let mut sums = Free::default();
         for sequence in logs {
-            let mut observer = self.observer_with(None);
+            let mut observer = self.observer_of_known_force(None, times);
             // The contact is filtered as the torque is, or the balance would mix two times.
             let mut filters = [LowPass::new(FILTER_S, sequence.step_s); 3];
             for k in 0..sequence.rows() {
@@ -760,7 +773,8 @@ impl Physics {
     /// was not measured counts as none.
     #[must_use]
     pub fn balances(&self, sequence: &Sequence) -> Vec<[Balance; 3]> {
-        let mut observer = self.observer();
+        let times = self.found.as_ref().map_or([1.0; 3], Found::times);
+        let mut observer = self.observer_of_known_force(self.found.clone(), times);
         // The contact is filtered as the torque is, or the balance would mix two times.
         let mut filters = [LowPass::new(FILTER_S, sequence.step_s); 3];
         let mut out = Vec::new();
