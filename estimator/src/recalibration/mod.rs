@@ -156,7 +156,9 @@ fn average(information: &Square, evidence: &Long) -> Option<Average> {
                 // It is as far from zero as it moves.
                 let stays = of[OFFSET] * SPREAD[OFFSET];
                 usual[(OFFSET, OFFSET)] = (size * size + stays * stays).recip();
-                [OFFSET, CHANGES, CHANGES + 1].map(|k| of[k] = 1.0);
+                for k in [OFFSET, CHANGES, CHANGES + 1] {
+                    of[k] = 1.0;
+                }
             }
             let mask = Square::from_diagonal(&of);
             let covariance = (mask * information * mask + usual).try_inverse()?;
@@ -320,9 +322,7 @@ impl Free {
         to[(CHANGES, CHANGES + 1)] = -middle;
         to[(FRICTION, WARMS)] = -self.last;
         // Where changes explain the log badly, they are less sure.
-        let all = (self.information[i] + with_time(1.0)).try_inverse()? * self.evidence[i];
-        let left = (self.squares[i] - all.dot(&self.evidence[i])) / (self.told_s / ALIKE_S);
-        let alike = alike * left.max(1.0);
+        let alike = alike * self.left_with(i, &Vector3::zeros())?.max(1.0);
         let information = to.transpose() * self.information[i] * to / alike;
         let mut evidence = to.transpose() * self.evidence[i] / alike;
         if self.coulomb[i] > 0.0 {
@@ -357,6 +357,17 @@ impl Free {
     /// odds that there is one. A torque that it makes at a motor changes with the lever, an offset
     /// does not.
     fn force(&self, alike: [f64; 3]) -> Option<(Vector3<f64>, f64)> {
+        let (force, _) = self.force_of(alike)?;
+        // Where changes and force explain the log badly, they tell less.
+        let mut times = alike;
+        for (i, times) in times.iter_mut().enumerate() {
+            *times *= self.left_with(i, &force)?.max(1.0);
+        }
+        self.force_of(times)
+    }
+
+    /// The same where errors are alike for so many times [`ALIKE_S`].
+    fn force_of(&self, alike: [f64; 3]) -> Option<(Vector3<f64>, f64)> {
         let usual = Matrix3::identity() / (FORCE_N * FORCE_N);
         let (mut information, mut evidence) = (usual, Vector3::zeros());
         for (i, alike) in alike.into_iter().enumerate() {
@@ -370,6 +381,16 @@ impl Free {
         let force = covariance * evidence;
         let odds = force.dot(&evidence) + (usual.determinant() * covariance.determinant()).ln();
         Some((force, odds / 2.0))
+    }
+
+    /// Square of what all changes of motor `i` leave of a log with this force, per the noise in
+    /// training.
+    fn left_with(&self, i: usize, force: &Vector3<f64>) -> Option<f64> {
+        let evidence = self.evidence[i] - self.across[i] * force;
+        let squares = self.squares[i] - 2.0 * force.dot(&self.for_force[i])
+            + force.dot(&(self.of_force[i] * force));
+        let all = (self.information[i] + with_time(1.0)).try_inverse()? * evidence;
+        Some((squares - all.dot(&evidence)) / (self.told_s / ALIKE_S))
     }
 }
 
@@ -480,7 +501,7 @@ mod tests {
 
     #[test]
     fn a_force_that_stayed_on_the_tool_is_told_from_offsets_by_its_levers() {
-        let told = |force: Vector3<f64>, offset: f64, swing: f64| {
+        let told_beside = |error: f64, force: Vector3<f64>, offset: f64, swing: f64| {
             let mut sums = Free::default();
             let mut noise = robot::random::Random::stream(4, "force", 0);
             for n in 0..3_000 {
@@ -490,12 +511,14 @@ mod tests {
                     0.1 * lever((3 * i + j) as f64) * if i == j { 1.0 } else { 0.3 }
                 });
                 let of = [[1.0, (0.4 * t).cos().signum(), 0.5, 0.0, 0.0, 1.0]; 3];
-                let lacking =
-                    levers * force + Vector3::from_fn(|_, _| offset + 0.005 * noise.normal());
+                let error = |i: usize| error * (0.45 * t + i as f64).sin();
+                let lacking = levers * force
+                    + Vector3::from_fn(|i, _| offset + error(i) + 0.005 * noise.normal());
                 sums.push(t, &of, lacking.into(), [2.5e-5; 3], &levers, 0.02);
             }
             sums.force_n([1.0; 3])
         };
+        let told = |force, offset, swing| told_beside(0.0, force, offset, swing);
         let force = Vector3::new(0.5, 2.0, -1.0);
         let found = Vector3::from(told(force, 0.0, 0.3).expect("a force"));
         assert!((found - force).norm() < 0.3, "{found}");
@@ -504,6 +527,8 @@ mod tests {
         assert_eq!(told(Vector3::zeros(), 0.05, 0.3), None);
         // Levers that stay make it an offset.
         assert_eq!(told(force, 0.0, 0.0), None);
+        // A model that is wrong by more than that: neither changes nor a force explain it.
+        assert_eq!(told_beside(0.2, Vector3::zeros(), 0.0, 0.3), None);
     }
 
     #[test]
