@@ -53,9 +53,9 @@ const FORCE_N: f64 = 2.0;
 /// without a force, and one with 1 N or 2 N, is above it.
 const FORCE_ODDS: f64 = 8.0;
 /// Sizes of a torque that may come and go, per Coulomb friction, each as likely. One of 0.1 N·m is
-/// 0.02 of a stiff elbow and 0.2 of a light one. With 0.1 alone, drags of 0.1 and 0.2 N·m left 0.365
-/// and 0.425 N after a recalibration, with both 0.290 and 0.356 N; further ones of 0.01 or 0.3 made
-/// it more (virtual arm, robots 11, 13, 22, 31, 32, 34).
+/// 0.02 of a stiff elbow and 0.2 of a light one. With 0.1 alone, drags of 0.1 and 0.2 N·m left
+/// 0.365 and 0.425 N after a recalibration, with both 0.290 and 0.356 N; further ones of 0.01 or
+/// 0.3 made it more (virtual arm, robots 11, 13, 22, 31, 32, 34).
 const SIZES: [f64; 2] = [0.03, 0.1];
 /// Place of the offset among the changes.
 const OFFSET: usize = 0;
