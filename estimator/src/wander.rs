@@ -37,7 +37,7 @@ pub const ALIKE_S: f64 = 6.0;
 /// Size of the errors that stay for a minute, per the noise of the balance: covers their means over
 /// 30 s (0.2 to 0.6, the same seeds).
 const STAYS: f64 = 0.8;
-/// Standard deviation of what is told per that of the filter: neither the force nor the cable is
+/// Standard deviation of the torque as told per that of the filter: neither force nor cable is
 /// such a process. A drag of 0.1 and 0.2 N·m was covered by 93 and 92 % with 1.0 and by 95 and 94 %
 /// with 1.2 (virtual arm, seeds 11 and 12), and on five robots by 97 % with 1.2.
 const WIDER: f64 = 1.1;
@@ -200,13 +200,17 @@ impl Wander {
     /// and the covariance of their errors.
     #[must_use]
     pub fn torques(&self) -> (Vector3<f64>, Matrix3<f64>) {
-        let mut rows = SMatrix::<f64, 3, STATES>::zeros();
-        for i in 0..3 {
-            rows[(i, TORQUE + i)] = 1.0;
-            rows[(i, SHARE + i)] = self.friction[i];
-        }
-        let covariance = rows * self.covariance * rows.transpose();
-        (rows * self.state, covariance * WIDER.powi(2))
+        let rows = |torque: f64| {
+            let mut rows = SMatrix::<f64, 3, STATES>::zeros();
+            for i in 0..3 {
+                rows[(i, TORQUE + i)] = torque;
+                rows[(i, SHARE + i)] = self.friction[i];
+            }
+            rows
+        };
+        let wider = rows(WIDER);
+        let covariance = wider * self.covariance * wider.transpose();
+        (rows(1.0) * self.state, covariance)
     }
 
     /// Force now, N, and the covariance of its error.
