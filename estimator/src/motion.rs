@@ -375,9 +375,7 @@ impl Motion {
 
     /// No past, for rows of `step_s`, and motors with this Coulomb friction in training, N·m, N·m,
     /// N, and now `times` as much. Contacts are as stiff as they were, so they bend farther before
-    /// they slide, by as much as the friction is more. Without that a fall of the friction by 24 %
-    /// left 0.39 N after a recalibration, with it 0.27 N (virtual arm, robots 11, 13, 22, 31, 32,
-    /// 34).
+    /// they slide, by as much as the friction is more.
     #[must_use]
     pub fn with_friction(step_s: f64, coulomb: [f64; 3], times: [f64; 3]) -> Self {
         let low = |time_s| LowPass::new(time_s, step_s);

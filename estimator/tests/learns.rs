@@ -153,6 +153,14 @@ fn intervals_cover_the_unseen_minute_and_are_wider_where_the_error_is_larger() {
     assert!(wide > 1.2 * narrow, "narrow {narrow}, wide {wide}");
 }
 
+fn with_intervals(sequences: &[&Sequence]) -> Estimator {
+    let asked = Training {
+        intervals: true,
+        ..training(Kind::Physics)
+    };
+    Estimator::train(&asked, sequences, &mut |_: &Progress| {}).unwrap()
+}
+
 /// The physical model with intervals. Three minutes are too few for the shares of starts: seven
 /// more of the same arm.
 fn of_ten_minutes() -> Estimator {
@@ -160,12 +168,7 @@ fn of_ten_minutes() -> Estimator {
     let text = TEXT.get_or_init(|| {
         let more: Vec<Sequence> = (20..27).map(|n| trial(7, n, 62.0)).collect();
         let sequences: Vec<&Sequence> = data().0.iter().chain(&more).collect();
-        let with = Training {
-            intervals: true,
-            ..training(Kind::Physics)
-        };
-        let trained = Estimator::train(&with, &sequences, &mut |_: &Progress| {}).unwrap();
-        trained.to_json().unwrap()
+        with_intervals(&sequences).to_json().unwrap()
     });
     Estimator::from_json(text).unwrap()
 }
@@ -367,16 +370,17 @@ fn a_changed_robot_is_told_and_a_minute_of_free_motion_brings_the_model_back() {
     }
 }
 
+/// Trained on six trials of two minutes, with intervals.
+fn of_six_trials(robot: u64) -> Estimator {
+    let rows: Vec<Sequence> = (1..7).map(|n| trial(robot, n, 122.0)).collect();
+    let sequences: Vec<&Sequence> = rows.iter().collect();
+    with_intervals(&sequences)
+}
+
 /// At this robot friction and gain of the elbow look alike, and its insertion rubs by the force.
 #[test]
 fn a_torque_that_comes_and_goes_costs_less_after_a_minute_and_no_estimate_runs_away() {
-    let rows: Vec<Sequence> = (1..7).map(|n| trial(14, n, 122.0)).collect();
-    let sequences: Vec<&Sequence> = rows.iter().collect();
-    let asked = Training {
-        intervals: true,
-        ..training(Kind::Physics)
-    };
-    let trained = Estimator::train(&asked, &sequences, &mut |_: &Progress| {}).unwrap();
+    let trained = of_six_trials(14);
     let drag = ChangeConfig {
         drag_n_m: 0.2,
         ..ChangeConfig::default()
@@ -399,13 +403,7 @@ fn a_torque_that_comes_and_goes_costs_less_after_a_minute_and_no_estimate_runs_a
 /// A cold arm goes on warming after the minute, and contacts with less friction slide earlier.
 #[test]
 fn friction_is_followed_after_the_minute_and_bends_contacts_as_far_as_it_is_large() {
-    let rows: Vec<Sequence> = (1..7).map(|n| trial(31, n, 122.0)).collect();
-    let sequences: Vec<&Sequence> = rows.iter().collect();
-    let asked = Training {
-        intervals: true,
-        ..training(Kind::Physics)
-    };
-    let trained = Estimator::train(&asked, &sequences, &mut |_: &Progress| {}).unwrap();
+    let trained = of_six_trials(31);
     let none = ChangeConfig::default();
     let changes = [
         ChangeConfig {

@@ -18,8 +18,7 @@ impl Physics {
         let force = Matrix3::from_fn(|i, j| self.prior[i][j]).try_inverse()?;
         let sizes = found.wander(self.coulomb).unwrap_or_default();
         // Errors that stay must not be taken for the torque. Where none is followed, they would
-        // take a part of the force: 97 % of an unchanged arm was covered in place of 92 %, with 5 %
-        // more error (virtual arm, robots 11, 13, 22, 31, 32, 34).
+        // take a part of the force.
         let share = found.wanders().sqrt();
         let noise = self.noise_deviation().map(|noise| share * noise);
         Some(Wander::new(
@@ -121,17 +120,12 @@ impl Physics {
         }
     }
 
-    /// The same on logs whose force is known, where the friction is so many times that of
-    /// training: nothing is told from the force.
-    pub(super) fn observer_of_known_force(
-        &self,
-        found: Option<Found>,
-        times: [f64; 3],
-    ) -> Observer<'_> {
+    /// An observer that knows of no change but that the friction of each joint is so many times
+    /// that of training.
+    pub(super) fn observer_with_friction(&self, times: [f64; 3]) -> Observer<'_> {
         Observer {
             motion: self.motion(times),
-            wander: None,
-            ..self.observer_with(found)
+            ..self.observer_with(None)
         }
     }
 
@@ -299,7 +293,8 @@ impl Observer<'_> {
         let mut unsure = variances;
         let elapsed_s = self.steps * self.model.step_s;
         let friction = Vector3::from_fn(|i, _| self.seen.effects[i][FRICTION_OF]);
-        if let Some(wander) = &mut self.wander {
+        // A force that is known needs no telling.
+        if let (Some(wander), None) = (&mut self.wander, force) {
             wander.step(&contacts, &variances, &levers, &friction, elapsed_s);
             let (torques, covariance) = wander.torques();
             contacts -= torques;

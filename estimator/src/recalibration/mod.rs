@@ -17,8 +17,7 @@
 //! choices, weighted by how well they explain the minute. A torque that may come and go is told
 //! from the force under load, as far as it may be there, and so is friction that has changed: see
 //! [`crate::wander`]. All changes as states of that filter were tried. It took slow forces for
-//! offsets and asymmetries: 0.27 N in place of 0.25 N after an asymmetry of 15 %, and 88 % of an
-//! unchanged arm covered in place of 92 % (virtual arm, robots 11, 13, 22, 31, 32, 34).
+//! offsets and asymmetries: see docs/estimation.md.
 //!
 //! Contacts bend as far as their friction is large, so that a second look at the log has the
 //! friction that the first has found ([`Motion::with_friction`](crate::motion::Motion)).
@@ -53,9 +52,9 @@ const FORCE_N: f64 = 2.0;
 /// without a force, and one with 1 N or 2 N, is above it.
 const FORCE_ODDS: f64 = 8.0;
 /// Sizes of a torque that may come and go, per Coulomb friction, each as likely. One of 0.1 N·m is
-/// 0.02 of a stiff elbow and 0.2 of a light one. With 0.1 alone, drags of 0.1 and 0.2 N·m left
-/// 0.365 and 0.425 N after a recalibration, with both 0.290 and 0.356 N; further ones of 0.01 or
-/// 0.3 made it more (virtual arm, robots 11, 13, 22, 31, 32, 34).
+/// 0.02 of a stiff elbow and 0.2 of a light one. Chosen on the virtual arm's robots 11, 13, 22, 31,
+/// 32 and 34: with 0.1 alone drags left more error after a recalibration, and so they did with
+/// further sizes of 0.01 or 0.3.
 const SIZES: [f64; 2] = [0.03, 0.1];
 /// Place of the offset among the changes.
 const OFFSET: usize = 0;
